@@ -17,7 +17,7 @@ impl Console {
         Self { bar: Some(bar) }
     }
 
-    /// The live display; `None` where standard error is no terminal.
+    /// The live display; `None` where the program does not write to a terminal, and once it has ended.
     pub fn bar(&self) -> Option<&ProgressBar> {
         self.bar.as_ref()
     }

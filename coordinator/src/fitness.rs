@@ -152,15 +152,29 @@ impl Fitness {
         parts
     }
 
+    /// Of these counts, that of correct answers that matters.
+    fn correct(&self, counts: &Counts) -> u32 {
+        match self.objective {
+            Objective::Object => counts.object_correct,
+            Objective::Category => counts.category_correct,
+        }
+    }
+
+    /// The same for tables, which have counts of objects beside it; `None` where it is theirs.
+    pub fn objective_correct(&self, counts: &Counts) -> Option<u32> {
+        (self.objective != Objective::Object).then(|| self.correct(counts))
+    }
+
+    /// The share of queries whose answer is wrong where it matters.
+    pub fn error(&self, counts: &Counts) -> f64 {
+        f64::from(counts.queries.saturating_sub(self.correct(counts))) / f64::from(counts.queries.max(1))
+    }
+
     /// How good a descriptor is by these counts.
     pub fn score(&self, measured: &Measured) -> evolution::Score {
         let Measured { counts, margin } = measured;
-        let correct = match self.objective {
-            Objective::Object => counts.object_correct,
-            Objective::Category => counts.category_correct,
-        };
         evolution::Score {
-            correct,
+            correct: self.correct(counts),
             queries: counts.queries,
             margin: margin.unwrap_or_default(),
             further: [0; 2],

@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use tikv_jemallocator::Jemalloc;
 
-/// Keeps the memory of a long run flat: glibc has arenas for many threads, and holds on to what was freed in one while
+/// Keeps the memory of a long run small: glibc has arenas for many threads, and holds on to what was freed in one while
 /// another grows.
 #[global_allocator]
 static ALLOCATOR: Jemalloc = Jemalloc;

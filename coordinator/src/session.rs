@@ -165,8 +165,8 @@ impl<'a> Session<'a> {
     }
 
     /// Does `work` with the session's workers: waits for the first one, ends at the deadline or with a worker of this
-    /// process that fails, and then stops the workers of this process and ends all leases. To be called once, after
-    /// [`Session::start`].
+    /// process that fails. If `work` was done, it then stops the workers of this process and ends all leases; else they end
+    /// with the process. To be called once, after [`Session::start`].
     pub async fn perform<T>(
         &self,
         console: &Console,

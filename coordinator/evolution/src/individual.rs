@@ -13,8 +13,8 @@ pub struct Individual {
     pub values: Vec<u32>,
     /// Indices of its parents in the previous generation. A child of the genetic algorithm has two, maybe the same
     /// individual twice: the bits that crossover did not swap come from the first, the swapped ones from the second.
-    /// An elite individual has only the first, of which it is a copy. What was drawn at random,
-    /// or joined of members, has none.
+    /// An elite individual has only the first, of which it is a copy, and a neighbour of hill climbing has only the
+    /// first, too. What was drawn at random, or joined of members, has none.
     pub parents: [Option<u32>; 2],
     /// Whether it was copied unchanged from the previous generation.
     pub elite: bool,

@@ -1,4 +1,4 @@
-//! How good an individual is. Scores are compared here and nowhere else.
+//! How good an individual is, and the order of two scores.
 //!
 //! The order of individuals goes by count, then margin. What the paper defines by counts (weights of the roulette, a
 //! perfect score, stagnation, a rise of the validation error) goes by the count alone. Searches of several objectives

@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 use descriptor::recogniser::Method;
 use descriptor::{SetDistance, VectorMetric};
 use evolution::StopReason;
+use results::EvaluationRow;
 
-use crate::compare::{CompareError, Options, Source, Sources, baselines, compare};
+use crate::compare::{CompareError, EVOLVED, Options, Source, Sources, baselines, compare, label};
 use crate::console::say;
 use crate::experiment::{Experiment, Overrides};
 use crate::run::summary::Summary;
@@ -58,7 +59,7 @@ impl AfterRun<'_> {
             return Ok(summary);
         }
         let is_there = |label: &str| summary.compared.iter().any(|row| row.descriptor == label);
-        let learns = method != Method::Nearest && !is_there(&format!("evolved-{}", method.name()));
+        let learns = method != Method::Nearest && !is_there(&label(EVOLVED, method));
         let control = if self.control && !is_there(RANDOM) {
             Some(self.random_search(experiment, &summary).await?)
         } else {
@@ -107,8 +108,14 @@ impl AfterRun<'_> {
     /// Runs a random search of as many different descriptors as the run has met; gives its folder, beside the run's.
     async fn random_search(&self, experiment: &Experiment, summary: &Summary) -> anyhow::Result<PathBuf> {
         let chromosomes = results::read_evaluations(&summary.out)?;
+        // What costs too much is not evaluated, and no part of a budget.
+        let is_evaluated = |row: &&EvaluationRow| {
+            let descriptor = experiment.space().from_values(&row.genes);
+            descriptor.is_some_and(|descriptor| experiment.affords(&descriptor))
+        };
         let met: HashSet<Vec<Option<u64>>> = chromosomes
             .iter()
+            .filter(is_evaluated)
             .map(|row| row.genes.iter().map(|gene| gene.map(f64::to_bits)).collect())
             .collect();
         let control = experiment.random_control(met.len() as u32);

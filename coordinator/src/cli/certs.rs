@@ -21,7 +21,7 @@ pub struct Certs {
     #[arg(value_name = "DIR")]
     folder: PathBuf,
     /// Name or IP address under which workers reach this machine, for example 192.0.2.7; repeatable, the first is in
-    /// the join address; by default this machine's name. localhost always works
+    /// the join address; by default this machine's name. 127.0.0.1 and ::1 always work
     #[arg(long = "host", value_name = "NAME_OR_IP")]
     hosts: Vec<String>,
     /// Port of the join address, for example 7701

@@ -54,7 +54,7 @@ enum Order {
     Stop(Why),
     /// Set how many workers a run of a sweep gets for each that a run of priority 1 gets
     ///
-    /// Example: coordinator control results/runs/mysweep-5a1b0c2d3e4f/seed-3 priority 4 --reason "deadline"
+    /// Example: coordinator control results/runs/mysweep-sweep-5a1b0c2d3e4f/seed-3 priority 4 --reason "deadline"
     Priority {
         /// The priority, for example 4; all runs begin with 1
         #[arg(value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_PRIORITY)))]

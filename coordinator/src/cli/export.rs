@@ -36,8 +36,8 @@ pub struct Export {
     #[arg(long, value_name = "N", conflicts_with_all = ["descriptor", "structure"])]
     point: Option<u32>,
     /// How objects are named: nearest, the name of the nearest cloud; projection and kernel-ridge learn from the labels
-    /// of the reference clouds, for example kernel-ridge. Settings are chosen inside these clouds. By default as in
-    /// \[recognition\] of the run's experiment
+    /// of the reference clouds, for example kernel-ridge. Settings are chosen inside these clouds. By default as the
+    /// section recognition of the run's experiment says
     #[arg(long, value_name = "NAME", value_parser = Method::ALL.map(Method::name))]
     recogniser: Option<String>,
     /// Share of the reference clouds whose answer may be rejected as unknown, 0 to 0.5, for example 0.01; the bound is found

@@ -35,7 +35,7 @@ pub struct Report {
     /// Folder for each figure as SVG and PDF, and the paper's Table 1 as LaTeX, for example paper/figures
     #[arg(long, value_name = "DIR")]
     figures: Option<PathBuf>,
-    /// The folder of an exhaustive search of the same space, for example results/grids/demo: draws its exact marginals
+    /// The folder of an exhaustive search of the same space, for example results/runs/demo-grid-0123456789ab: draws its exact marginals
     /// beside those that the run has met
     #[arg(long, value_name = "GRID")]
     grid: Option<PathBuf>,

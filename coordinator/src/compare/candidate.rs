@@ -176,6 +176,22 @@ impl Named {
 /// What labels end with where clouds are compared by L1.
 pub const L1_SUFFIX: &str = "-l1";
 
+/// The label of what has this name, by a recogniser; the nearest cloud goes without saying.
+pub fn label(name: &str, recogniser: Method) -> String {
+    match recogniser {
+        Method::Nearest => name.to_owned(),
+        learned => format!("{name}-{}", learned.name()),
+    }
+}
+
+/// The inverse of [`label`].
+pub fn split_label(label: &str) -> (&str, Method) {
+    let learned = [Method::Projection, Method::KernelRidge]
+        .into_iter()
+        .find_map(|method| Some((label.strip_suffix(method.name())?.strip_suffix('-')?, method)));
+    learned.unwrap_or((label, Method::Nearest))
+}
+
 /// The set distances that descriptors are compared by; a structure may have another of its own.
 const DISTANCES: [SetDistance; 2] = [SetDistance::ChiSquared, SetDistance::L1];
 
@@ -206,13 +222,10 @@ impl Choice {
     /// The one with this label; `given`: the descriptor, if it is not among [`Choice::all`]. `None` if there is none.
     pub fn labelled(label: &str, given: Option<Descriptor>) -> Option<Self> {
         Self::all().find(|choice| choice.label() == label).or_else(|| {
-            let learned = [Method::Projection, Method::KernelRidge]
-                .into_iter()
-                .find_map(|method| Some((label.strip_suffix(method.name())?.strip_suffix('-')?, method)));
-            let (label, recogniser) = learned.unwrap_or((label, Method::Nearest));
-            let by_l1 = label.strip_suffix(L1_SUFFIX);
+            let (compared, recogniser) = split_label(label);
+            let by_l1 = compared.strip_suffix(L1_SUFFIX);
             let distance = if by_l1.is_some() { SetDistance::L1 } else { SetDistance::ChiSquared };
-            let given = Given::new(by_l1.unwrap_or(label), given?).ok()?;
+            let given = Given::new(by_l1.unwrap_or(compared), given?).ok()?;
             Some(Self { named: Named::Given(given), distance, recogniser })
         })
     }
@@ -223,10 +236,7 @@ impl Choice {
             SetDistance::ChiSquared | SetDistance::Hellinger => self.named.name().to_owned(),
             SetDistance::L1 => format!("{}{L1_SUFFIX}", self.named.name()),
         };
-        match self.recogniser {
-            Method::Nearest => compared,
-            learned => format!("{compared}-{}", learned.name()),
-        }
+        label(&compared, self.recogniser)
     }
 
     /// What is compared, in a run that has ended with `evolved`.

@@ -9,7 +9,7 @@ use descriptor::{Match, VectorMetric};
 use rayon::prelude::*;
 use results::{Among, ComparedRow, Foreign, ForeignClouds, ForeignValues, read_foreign};
 
-use super::candidate::{Candidate, Given, check_no_point};
+use super::candidate::{Candidate, Given, check_no_point, label, split_label};
 use crate::dataset::Dataset;
 use crate::run::Matching;
 
@@ -338,13 +338,6 @@ fn described(digest: &str) -> String {
     format!("the file {}", digest.get(..12).unwrap_or(digest))
 }
 
-fn label(name: &str, recogniser: Method) -> String {
-    match recogniser {
-        Method::Nearest => name.to_owned(),
-        learned => format!("{name}-{}", learned.name()),
-    }
-}
-
 /// Whether it names a file below a folder, and not by way of others.
 fn is_file_below(root: &Path, path: &Path) -> bool {
     path.components().all(|part| matches!(part, Component::Normal(_))) && root.join(path).is_file()
@@ -391,12 +384,7 @@ pub fn entries<'a>(
     given: &[ForeignCandidate<'a>],
     others: &[Candidate],
 ) -> Result<Vec<ForeignEntry<'a>>, ForeignFault> {
-    let name = |row: &'a ComparedRow| {
-        let learned = Method::ALL
-            .into_iter()
-            .find_map(|method| row.descriptor.strip_suffix(method.name())?.strip_suffix('-'));
-        learned.unwrap_or(&row.descriptor)
-    };
+    let name = |row: &'a ComparedRow| split_label(&row.descriptor).0;
     let names = there.iter().map(name).chain(given.iter().map(|one| one.descriptor.name.as_str()));
     for name in names {
         if others.iter().any(|other| other.name == name) {

@@ -38,7 +38,7 @@ use crate::run::{Matching, RunError, choose_set, refuse_other_data, rows, sets};
 use crate::session::{Session, listen, scale};
 use crate::slurm::SlurmWorkers;
 use crate::storage;
-pub use candidate::{Candidate, Choice, EVOLVED, Named, PAPER};
+pub use candidate::{Candidate, Choice, EVOLVED, Named, PAPER, label};
 use described::{Described, Shards};
 use describing::Describing;
 use earlier::{Earlier, Measured};

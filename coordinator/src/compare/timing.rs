@@ -47,8 +47,8 @@ pub fn time(
     distances.iter().map(|&distance| Ok(Timed::new(described.report(distance)?, clouds))).collect()
 }
 
-/// Seconds from a cloud's points to its signatures on this thread: the median of up to [`SAMPLE`] test clouds, which lie
-/// apart in their list. `None` if none of them can be read and described.
+/// Seconds from a cloud's points to its signatures on this thread: the median, of two the upper, of up to [`SAMPLE`] test clouds, which
+/// lie apart in their list. `None` if none of them can be read and described.
 pub fn seconds_of_a_cloud(
     dataset: &Dataset,
     preprocess: &Preprocess,

@@ -4,7 +4,7 @@ use descriptor::FixedKind;
 use descriptor::recogniser::Method;
 use results::{ComparedRow, FrontRow, PairRow, holm};
 
-use super::candidate::{EVOLVED, L1_SUFFIX, PAPER, point_name};
+use super::candidate::{EVOLVED, L1_SUFFIX, PAPER, label, point_name, split_label};
 use super::differences::{Level, SIGNIFICANCE, probability};
 use crate::run::progress::percent;
 
@@ -79,13 +79,11 @@ pub struct Difference<'a> {
 /// How the run's descriptor under a recogniser differs from the others. Like is set against like: descriptors by χ² and
 /// the same recogniser, one that learns against the nearest cloud, too.
 pub fn differences<'a>(rows: &'a [ComparedRow], pairs: &[PairRow], method: Method) -> Vec<Difference<'a>> {
-    let label = match method {
-        Method::Nearest => EVOLVED.to_owned(),
-        learned => format!("{EVOLVED}-{}", learned.name()),
-    };
+    let label = label(EVOLVED, method);
     let Some(own) = rows.iter().find(|row| row.descriptor == label) else { return Vec::new() };
     let is_other = |row: &&ComparedRow| {
-        let is_alike = row.recogniser == own.recogniser && !row.descriptor.contains(L1_SUFFIX);
+        let by_l1 = split_label(&row.descriptor).0.ends_with(L1_SUFFIX);
+        let is_alike = row.recogniser == own.recogniser && !by_l1;
         *row != own && (is_alike || row.descriptor == EVOLVED)
     };
     let mut differences: Vec<Difference<'a>> =
@@ -362,6 +360,13 @@ mod tests {
         assert_eq!(said(&[rows[0].clone(), rows[2].clone()]), Vec::<String>::new());
         // No query is described by both.
         assert_eq!(verdict(&rows, &[], &[]), Vec::<String>::new());
+    }
+
+    #[test]
+    fn a_name_that_has_l1_in_it_is_of_a_descriptor_like_others() {
+        let rows = [row("evolved", 180, None), row("paper", 150, None), row("unet-l16", 120, None)];
+        let sentences = said(&rows);
+        assert!(sentences.iter().any(|sentence| sentence.contains("unet-l16")), "{sentences:?}");
     }
 
     /// A front of points with these counted costs.

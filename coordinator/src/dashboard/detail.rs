@@ -36,11 +36,7 @@ pub fn detail(folder: &Path, overview: &Overview, run: Value) -> Result<String, 
         "method": experiment.map(|experiment| experiment.method().as_str()),
         "family": experiment.map(|experiment| experiment.space().family().name()),
         "genes": experiment.map(genes).unwrap_or_default(),
-        "objectives": if experiment.is_some_and(|experiment| experiment.objectives().are_several()) {
-            json!(["object_error", "cost", "size"])
-        } else {
-            json!(["object_error"])
-        },
+        "objectives": experiment.map(objectives).unwrap_or_default(),
         "errors": finished.map(errors).unwrap_or_default(),
         "winner": finished.map(|finished| json!({
             "generation": finished.row.winner_generation, "individual": finished.row.winner_individual,
@@ -71,6 +67,11 @@ pub fn detail(folder: &Path, overview: &Overview, run: Value) -> Result<String, 
     }
     text.push('}');
     Ok(text)
+}
+
+/// What its search minimises.
+fn objectives(experiment: &Experiment) -> Vec<&'static str> {
+    experiment.objectives().each().map(|objective| objective.name()).collect()
 }
 
 fn genes(experiment: &Experiment) -> Vec<Value> {

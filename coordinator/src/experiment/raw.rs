@@ -309,8 +309,8 @@ pub(super) struct RawCoordinator {
     /// A job without a result for this long is given to another worker, too, and counts as failed once.
     #[schemars(range(min = 1, max = 604_800))]
     pub job_seconds: u32,
-    /// A job that failed on this many workers that have computed others, or this many times and on all that are there,
-    /// stops the run. Workers that are lost do not count.
+    /// A job that failed on this many workers that have computed others, of as many principals or of all that are there,
+    /// or this many times and on all workers, stops the run. Workers that are lost do not count.
     #[schemars(range(min = 1, max = 100))]
     pub max_failures: u32,
     /// How long the run waits for another worker after it lost the last one.
@@ -320,8 +320,9 @@ pub(super) struct RawCoordinator {
     /// as long again.
     pub deadline_seconds: NumberOr<RawOff>,
     /// Least share of the evaluations that somebody else computes, too, when there is somebody: their answers must be
-    /// equal. Of newcomers all first answers are audited, whatever the share. 1 is all of everybody's, and then nobody
-    /// alone can change a result. Also the share that is computed anew of what earlier runs have left.
+    /// equal. Of newcomers all first answers are audited, whatever the share. 1 is all of everybody's: where there is
+    /// somebody else, nobody alone can then change a result. Also the share that is computed anew of what earlier runs
+    /// have left.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub audit: f64,
     /// Into how many shards and tiles an evaluation is cut that few workers would be busy with: "auto" is as many as

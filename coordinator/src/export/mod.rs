@@ -1,6 +1,6 @@
 //! A run's descriptor taken away: the artefact made, added to, and measured. The crate `artefact` reads it and answers.
 //!
-//! `export` makes the folder from a run, `learn` adds clouds to it, `write` writes it, `assess` measures its answers,
+//! `of_run` makes the folder from a run, `learn` adds clouds to it, `write` writes it, `assess` measures its answers,
 //! `readme` is its text for people, `reject` finds when an answer is not believed; `weigh` makes no artefact, but the file of
 //! a structure with weights for its values.
 

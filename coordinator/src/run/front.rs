@@ -7,7 +7,6 @@ use serde_json::{Value, json};
 
 use crate::fitness::{Fitness, Measured};
 use crate::run::progress::percent;
-use proto::task::Objective;
 
 /// Most points that the text shows, beside those that are marked.
 const SHOWN: usize = 10;
@@ -37,8 +36,7 @@ pub fn rows(
         chromosome: found.individual.bit_string(),
         genes: space.values(descriptor),
         train: train.counts,
-        objective_correct: (fitness.objective() == Objective::Category)
-            .then_some(train.counts.category_correct),
+        objective_correct: fitness.objective_correct(&train.counts),
         train_margin: train.margin,
         validation: validation.map(|measured| measured.counts),
         validation_margin: validation.and_then(|measured| measured.margin),

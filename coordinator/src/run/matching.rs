@@ -14,11 +14,11 @@ pub const TEST: usize = 3;
 /// Which splits are matched with which (DESIGN 5.7).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Matching {
-    /// train1 against train2: the fitness.
+    /// The fitness: train1 against train2, or both against both, as its protocol says.
     Train,
-    /// validation against both training sets.
+    /// Validation against both training sets.
     Validation,
-    /// test against all others.
+    /// Test against all others.
     Test,
 }
 

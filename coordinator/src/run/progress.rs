@@ -7,7 +7,6 @@ use std::time::{Duration, Instant};
 
 use descriptor::Descriptor;
 use indicatif::{ProgressBar, ProgressStyle};
-use results::Counts;
 
 use crate::console::{Console, has_viewer, say};
 use crate::metrics::{MetricsSource, RunMetrics};
@@ -19,14 +18,14 @@ use cluster::{Cluster, ClusterNews};
 pub struct GenerationReport<'a> {
     /// Which one, from 1.
     pub generation: u32,
-    /// Of every individual.
-    pub counts: &'a [Counts],
+    /// Training errors of all individuals, by what the fitness counts.
+    pub errors: &'a [f64],
     /// The generation's best.
     pub best: &'a Descriptor,
     /// Whether that is the winner so far.
     pub improved: bool,
-    /// Counts of the best on the validation set, if measured.
-    pub validation: Option<Counts>,
+    /// Error of the best on the validation set, by the same, if measured.
+    pub validation: Option<f64>,
     /// Different descriptors that the search has met with it: what a budget of evaluations is spent on.
     pub met: u64,
 }
@@ -296,9 +295,9 @@ impl Progress {
 
     /// A generation is complete.
     pub fn generation_done(&mut self, report: &GenerationReport<'_>) {
-        let best = best_error(report.counts);
-        let mean = report.counts.iter().map(Counts::object_error).sum::<f64>() / report.counts.len() as f64;
-        let validation = report.validation.map_or("off".to_owned(), |counts| percent(counts.object_error()));
+        let best = report.errors.iter().copied().min_by(f64::total_cmp).unwrap_or(1.0);
+        let mean = report.errors.iter().sum::<f64>() / report.errors.len() as f64;
+        let validation = report.validation.map_or("off".to_owned(), percent);
         self.errors = format!("best {} mean {} validation {validation}", percent(best), percent(mean));
         (self.complete, self.met) = (report.generation, report.met);
         let done = match &self.member {
@@ -388,10 +387,6 @@ fn print_news(events: &Mutex<EventCursor>, console: &Console) {
     }
 }
 
-fn best_error(counts: &[Counts]) -> f64 {
-    counts.iter().map(Counts::object_error).min_by(f64::total_cmp).unwrap_or(1.0)
-}
-
 /// A share as per cent with two digits, as tables of errors have it.
 pub fn percent(share: f64) -> String {
     format!("{:.2} %", 100.0 * share)
@@ -427,12 +422,11 @@ mod tests {
     }
 
     fn complete(progress: &mut Progress, (generation, met): (u32, u64)) {
-        let counts = [Counts { object_correct: 1, category_correct: 1, queries: 2 }];
         let best = Descriptor::default_of(descriptor::Family::DiskRing);
-        let (counts, best) = (&counts, &best);
+        let (errors, best) = (&[0.5], &best);
         progress.generation_done(&GenerationReport {
             generation,
-            counts,
+            errors,
             best,
             improved: true,
             validation: None,

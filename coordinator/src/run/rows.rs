@@ -10,7 +10,7 @@ use crate::dataset::Dataset;
 use crate::fitness::{Fitness, Measured};
 use crate::run::matching::Matching;
 use cluster::scheduler::Finished;
-use proto::task::{EvaluationResult, Match, Objective};
+use proto::task::{EvaluationResult, Match};
 
 /// The gene columns of every table that has them.
 pub fn gene_columns(space: &SearchSpace) -> Vec<GeneColumn> {
@@ -64,8 +64,7 @@ pub fn evaluations(
             chromosome: individual.bit_string(),
             genes: space.values(descriptor),
             counts: measured.counts,
-            objective_correct: (fitness.objective() == Objective::Category)
-                .then_some(measured.counts.category_correct),
+            objective_correct: fitness.objective_correct(&measured.counts),
             margin: measured.margin,
             set_errors,
             parent_a: individual.parents[0],

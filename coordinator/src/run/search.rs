@@ -205,12 +205,13 @@ impl<'a> SearchLoop<'a> {
                 // The journal comes first: tables must not name a worker for an answer that a crash could lose.
                 self.session.cluster.flush().await?;
                 folder.write_generation(&individuals, &row)?;
+                let error = |measured: &Measured| fitness.error(&measured.counts);
                 self.progress.generation_done(&GenerationReport {
                     generation,
-                    counts: &measured.iter().map(|measured| measured.counts).collect::<Vec<_>>(),
+                    errors: &measured.iter().map(error).collect::<Vec<_>>(),
                     best: &descriptors[state.best as usize],
                     improved: state.improved,
-                    validation: validation.map(|measured| measured.counts),
+                    validation: validation.as_ref().map(error),
                     met: self.met.count(),
                 });
             }
@@ -345,7 +346,7 @@ impl<'a> SearchLoop<'a> {
     /// Uses what earlier runs have left of these descriptors, a share of it only after it was computed again.
     ///
     /// # Errors
-    /// As [`disagreement`], where something else was computed.
+    /// As [`remembered_wrongly`], where something else was computed.
     async fn use_remembered<'d>(
         &mut self,
         descriptors: impl Iterator<Item = &'d Descriptor>,
@@ -459,13 +460,13 @@ impl<'a> SearchLoop<'a> {
         descriptors: impl Iterator<Item = &'d Descriptor>,
         matching: Matching,
     ) -> Result<Vec<(usize, &'d Descriptor)>, ClusterError> {
-        let (mut new, mut seen) = (Vec::new(), BTreeSet::new());
+        let (mut new, mut seen, mut nothing) = (Vec::new(), BTreeSet::new(), None);
         for (index, descriptor) in descriptors.enumerate() {
             if self.known(matching).contains(descriptor)? {
                 continue;
             }
             if !self.experiment.affords(descriptor) {
-                let nothing = self.nothing_recognised(matching);
+                let nothing = *nothing.get_or_insert_with(|| self.nothing_recognised(matching));
                 self.known(matching).insert(descriptor, nothing);
             } else if seen.insert(descriptor) {
                 new.push((index, descriptor));

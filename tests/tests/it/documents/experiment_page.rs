@@ -27,7 +27,7 @@ const INTRODUCTION: &str = "# Experiment files
 
 Made from the output of `coordinator schema`, which your editor can check files against; a test keeps it so.
 
-An experiment is a TOML file. Required are `version = 1` and `dataset.root`; what is left out has its default. An unknown key is an error. [`experiments/paper.toml`](../../../experiments/paper.toml) has nearly every key with a comment.
+An experiment is a TOML file. Required are `version = 1` and `dataset.root`; what is left out has its default. An unknown key is an error. [`experiments/paper.toml`](../../../experiments/paper.toml) has every key of the paper's search with a comment.
 ";
 
 /// The page.
