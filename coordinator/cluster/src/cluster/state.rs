@@ -276,8 +276,8 @@ impl ClusterState {
             self.accept(&finished);
         }
         for confirmed in self.scheduler.drain_confirmed() {
-            let job = self.scheduler.jobs.checked_by(confirmed.job);
-            let confirmed = Confirmed { job: job.unwrap_or(confirmed.job), ..confirmed };
+            let job = self.scheduler.jobs.result_of(confirmed.job);
+            let confirmed = Confirmed { job, ..confirmed };
             match self.scheduler.jobs.assure(&confirmed) {
                 Some(finished) if confirmed.was_disputed => self.keep(&finished, finished.job),
                 Some(Finished { job, assurance, seconded, .. }) => {
@@ -356,9 +356,7 @@ impl ClusterState {
     /// Retracts what is in doubt, and tells all clients; results of a quarantined principal are computed again.
     fn doubt(&mut self, doubt: &Doubt, now: Instant) {
         match doubt {
-            Doubt::Disagreement { job, .. } => {
-                self.retract(self.scheduler.jobs.checked_by(*job).unwrap_or(*job));
-            }
+            Doubt::Disagreement { job, .. } => self.retract(self.scheduler.jobs.result_of(*job)),
             Doubt::Quarantined(principal) => {
                 self.record(|| Entry::Quarantined(*principal));
                 for job in self.scheduler.jobs.drop_recorded(*principal) {

@@ -78,7 +78,7 @@ impl JournalFollower {
             return Err(JournalError::unusable(&self.path, "something that is no file"));
         }
         let id = (metadata.dev(), metadata.ino());
-        // A file that replaces one that has replaced another may have the number of the first.
+        // A file may have the inode of one that was replaced before.
         let mut beginning = Vec::new();
         (&file).take(BEGINNING).read_to_end(&mut beginning).map_err(unusable)?;
         let key = Head::read(&beginning).map(|(head, ..)| head.key);
@@ -238,6 +238,25 @@ mod tests {
             let rest = sequences(&follower.read().unwrap().unwrap());
             assert_eq!([first, rest].concat(), [0, 1], "{end}");
         }
+    }
+
+    #[test]
+    fn another_journal_with_the_same_inode_is_read_anew() {
+        let folder = TempDir::new().unwrap();
+        let [path, other] = ["journal.log", "other.log"].map(|name| folder.path().join(name));
+        for (path, events) in [(&path, 1..3), (&other, 5..9)] {
+            JournalFile::create(path, &header()).unwrap();
+            let entries: Vec<Entry> = events.map(event).collect();
+            JournalFile::open(path).unwrap().0.commit(&entries).unwrap();
+        }
+        let mut follower = JournalFollower::new(&path);
+        assert_eq!(sequences(&follower.read().unwrap().unwrap()), [1, 2]);
+        let inode = || std::fs::metadata(&path).unwrap().ino();
+        let before = inode();
+        std::fs::write(&path, std::fs::read(&other).unwrap()).unwrap();
+        assert_eq!(inode(), before);
+        let anew = follower.read().unwrap().unwrap();
+        assert_eq!((anew.is_anew, sequences(&anew)), (true, vec![5, 6, 7, 8]));
     }
 
     #[test]

@@ -17,7 +17,7 @@ use crate::store::{Job, Quorum};
 const PATIENCE: f64 = 1.5;
 /// That a worker does not hold a job that it was handed out so often, or more often, counts against it. Replies get lost,
 /// but a worker that asks for the same job again and again would keep it from all others.
-const MOST_DELIVERIES: usize = 5;
+const MOST_TIMES_HANDED_OUT: usize = 5;
 /// A job that takes longer than this is not taken ahead.
 const LONGEST_AHEAD: Duration = Duration::from_millis(100);
 
@@ -170,7 +170,7 @@ impl Scheduler {
                 continue;
             }
             self.release(job_id, id, AttemptEnd::Undelivered, now);
-            if self.jobs.get(job_id).is_some_and(|job| job.times_handed_out(id) >= MOST_DELIVERIES) {
+            if self.jobs.get(job_id).is_some_and(|job| job.times_handed_out(id) >= MOST_TIMES_HANDED_OUT) {
                 self.count_against(id, now);
             }
         }

@@ -198,10 +198,8 @@ impl Job {
     /// enough to dispute a result: whoever runs under thousands of names must not fill the memory.
     pub fn vote(&mut self, vote: Vote) {
         self.voters.insert(vote.worker, vote.principal);
-        let of_principal = self.votes.iter().filter(|other| other.principal == vote.principal);
-        let (same, other): (Vec<&Vote>, Vec<&Vote>) =
-            of_principal.partition(|other| other.fingerprint == vote.fingerprint);
-        if same.is_empty() && other.len() < 2 {
+        let of_principal = || self.votes.iter().filter(|other| other.principal == vote.principal);
+        if of_principal().count() < 2 && of_principal().all(|other| other.fingerprint != vote.fingerprint) {
             self.votes.push(vote);
         }
     }

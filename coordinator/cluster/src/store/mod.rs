@@ -445,8 +445,12 @@ impl JobStore {
         self.checked_by(job).is_some()
     }
 
-    /// The job whose result this one checks.
-    pub fn checked_by(&self, job: JobId) -> Option<JobId> {
+    /// The job whose accepted result an answer to this one is about: another, if it checks the result of that.
+    pub fn result_of(&self, job: JobId) -> JobId {
+        self.checked_by(job).unwrap_or(job)
+    }
+
+    fn checked_by(&self, job: JobId) -> Option<JobId> {
         self.entries.get(&job)?.unfinished.as_deref()?.check.map(|(of, _)| of)
     }
 

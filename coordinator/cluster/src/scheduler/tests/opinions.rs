@@ -167,21 +167,23 @@ fn a_worker_has_one_vote_and_only_on_what_it_was_given() {
     assert_eq!(bench.scheduler.jobs.get(job).unwrap().votes.len(), 1);
 }
 
+/// The leases of workers of one principal on the only job. Each drops what it was given, so that the next may take it, and
+/// may report all the same.
+fn taken_under_many_names(bench: &mut Bench) -> Vec<(u8, Lease)> {
+    let take = |number| {
+        bench.join_as(number, principal(1)).unwrap();
+        let lease = bench.take(number);
+        bench.poll(number, &[], 0);
+        (number, lease)
+    };
+    (3..30).map(take).collect()
+}
+
 #[test]
 fn a_principal_that_contradicts_itself_without_end_has_two_votes() {
     let mut bench = audited(2);
     let job = bench.submit();
-    for number in 3..30 {
-        bench.join_as(number, principal(1)).unwrap();
-    }
-    let taken: Vec<(u8, Lease)> = (3..30)
-        .map(|number| {
-            let lease = bench.take(number);
-            bench.poll(number, &[], 0);
-            (number, lease)
-        })
-        .collect();
-    for (number, lease) in taken {
+    for (number, lease) in taken_under_many_names(&mut bench) {
         let result = EvaluationResult {
             queries: 10,
             object_correct: u32::from(number % 10),
@@ -225,18 +227,7 @@ fn whoever_asks_for_nothing_is_not_waited_for_until_it_asks_again() {
 fn a_principal_has_one_vote_for_a_result_under_however_many_names() {
     let mut bench = audited(2);
     let job = bench.submit();
-    for number in 3..30 {
-        bench.join_as(number, principal(1)).unwrap();
-    }
-    // Each drops what it was given, so that the next may take it, and reports all the same.
-    let taken: Vec<(u8, Lease)> = (3..30)
-        .map(|number| {
-            let lease = bench.take(number);
-            bench.poll(number, &[], 0);
-            (number, lease)
-        })
-        .collect();
-    for (number, lease) in taken {
+    for (number, lease) in taken_under_many_names(&mut bench) {
         bench.report(number, lease, good());
         bench.report(number, lease, lie()); // a worker answers once
     }
