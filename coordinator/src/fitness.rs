@@ -165,11 +165,6 @@ impl Fitness {
         (self.objective != Objective::Object).then(|| self.correct(counts))
     }
 
-    /// The share of queries whose answer is wrong where it matters.
-    pub fn error(&self, counts: &Counts) -> f64 {
-        f64::from(counts.queries.saturating_sub(self.correct(counts))) / f64::from(counts.queries.max(1))
-    }
-
     /// How good a descriptor is by these counts.
     pub fn score(&self, measured: &Measured) -> evolution::Score {
         let Measured { counts, margin } = measured;

@@ -1,6 +1,6 @@
 //! Decodes messages of gRPC, and refuses before that what would take far more memory than it has bytes.
 //!
-//! An entry of a list takes two bytes if it says nothing, and up to two hundred once it is decoded.
+//! An entry of a list takes two bytes if it says nothing, and up to 128 once it is decoded.
 
 use std::any::TypeId;
 

@@ -205,13 +205,13 @@ impl<'a> SearchLoop<'a> {
                 // The journal comes first: tables must not name a worker for an answer that a crash could lose.
                 self.session.cluster.flush().await?;
                 folder.write_generation(&individuals, &row)?;
-                let error = |measured: &Measured| fitness.error(&measured.counts);
+                let error = |score: &Score| 1.0 - score.fitness();
                 self.progress.generation_done(&GenerationReport {
                     generation,
-                    errors: &measured.iter().map(error).collect::<Vec<_>>(),
+                    errors: &scores.iter().map(error).collect::<Vec<_>>(),
                     best: &descriptors[state.best as usize],
                     improved: state.improved,
-                    validation: validation.as_ref().map(error),
+                    validation: validation_score.as_ref().map(error),
                     met: self.met.count(),
                 });
             }

@@ -15,7 +15,7 @@ use hyper_util::service::TowerToHyperService;
 use tokio::sync::{Notify, mpsc};
 use transport::WebConnection;
 
-/// Whoever has not asked for anything by then loses the connection: there are few.
+/// Whoever has not asked for anything by then loses the connection, of which there are few.
 const FIRST_REQUEST: Duration = Duration::from_secs(30);
 /// How often a peer that says nothing is asked whether it is still there.
 const KEEP_ALIVE: Duration = Duration::from_secs(30);
