@@ -47,6 +47,11 @@ impl Breaker {
         matches!(self.state, State::Open(until) | State::Trial(until) if now < until)
     }
 
+    /// Whether nothing is asked now, and no trial is under way after which that may be otherwise.
+    pub fn is_open(&self, now: Instant) -> bool {
+        matches!(self.state, State::Open(until) if now < until)
+    }
+
     /// What may be asked. Whoever gets a trial has the pause that follows a fault to tell how it ended; then the next may
     /// try.
     pub fn admit(&mut self, now: Instant) -> Admission {
@@ -112,8 +117,11 @@ mod tests {
         let mut breaker = Breaker::new(now);
         assert_eq!(breaker.admit(now), Admission::Trial);
         assert_eq!(breaker.admit(now), Admission::Refused);
+        assert!(breaker.refuses(now) && !breaker.is_open(now));
         breaker.succeeded();
         assert_eq!(breaker.admit(now), Admission::Granted);
+        breaker.open(now);
+        assert!(breaker.refuses(now) && breaker.is_open(now));
         // One whose outcome was never told does not block for ever.
         let mut breaker = Breaker::new(now);
         breaker.admit(now);

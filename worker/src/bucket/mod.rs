@@ -100,6 +100,8 @@ pub struct Bucket {
     patience: Patience,
     reads: Mutex<Breaker>,
     writes: Mutex<Breaker>,
+    /// Held by whoever sends the first of several objects, which may be a trial.
+    first_upload: tokio::sync::Mutex<()>,
     /// Time that reading may still cost.
     budget: Mutex<Budget>,
     /// Objects that are asked for together next.
@@ -127,6 +129,7 @@ impl Bucket {
             patience,
             reads: breaker(),
             writes: breaker(),
+            first_upload: tokio::sync::Mutex::default(),
             budget: Mutex::new(Budget::new(patience.trial, now)),
             lot: AtomicUsize::new(FIRST_LOT),
             room: Arc::new(Semaphore::new(UPLOAD_KIB as usize)),
@@ -257,7 +260,7 @@ impl Bucket {
     /// Keeps objects of one kind there, soon, as far as there is room for them on the way. To be called where tokio's tasks
     /// run, not on the threads that compute.
     pub fn put(self: &Arc<Self>, kind: &'static str, objects: Vec<(Digest, Vec<u8>)>) {
-        if !self.access.writes || !self.is_offered() || lock(&self.writes).refuses(Instant::now()) {
+        if !self.access.writes || !self.is_offered() || lock(&self.writes).is_open(Instant::now()) {
             return;
         }
         let with_room = |(key, bytes): (Digest, Vec<u8>)| {
@@ -302,7 +305,9 @@ impl Bucket {
             };
             let mut urls = urls.into_iter();
             if let Some(first) = urls.next() {
-                send(first).await; // alone: it may be a trial
+                // Alone: it may be a trial. What others have to store waits for how it ends, or it would be refused.
+                let _turn = self.first_upload.lock().await;
+                send(first).await;
             }
             futures_util::stream::iter(urls).for_each_concurrent(UPLOADS, send).await;
         }

@@ -1,6 +1,6 @@
 //! A bucket that machines share saves them work; whatever is wrong with it costs them time at most.
 
-use proto::MIN_SHARED_DESCRIPTION_BYTES;
+use proto::{BLOB_KIND, MIN_SHARED_DESCRIPTION_BYTES};
 use proto::task::Described;
 use ring::digest;
 use tempfile::tempdir;
@@ -178,6 +178,19 @@ async fn large_descriptions_are_given_to_others_by_the_bucket() {
     let blobs = &second.matcher.loader.blobs;
     let given = blobs.given(large.digest).await.expect("the coordinator of this test has none");
     assert_eq!((Digest::of(&given), blobs.fetched()), (large.digest, 0));
+}
+
+#[tokio::test]
+async fn what_is_put_during_a_trial_is_stored_once_it_has_ended_well() {
+    let archive = Archive::new();
+    let (server, cache) = (BucketServer::start(Mode::Well).await, tempdir().unwrap());
+    let bucket = &machine(&archive, cache.path(), &server, false).matcher.loader.blobs.bucket;
+    // On one thread, no upload begins before all of them are on their way.
+    for bytes in [vec![1], vec![2], vec![3]] {
+        bucket.put(BLOB_KIND, vec![(Digest::of(&bytes), bytes)]);
+    }
+    bucket.settle().await;
+    assert_eq!(server.objects.lock().unwrap().len(), 3);
 }
 
 #[tokio::test(flavor = "multi_thread")]
