@@ -12,9 +12,9 @@ use results::{AttemptRow, EventRow, RunLog, WorkerRow};
 ///
 /// # Errors
 /// If what it has asked for cannot be looked up any more.
-pub fn rows(client: &Client) -> Result<RunLog, ClusterError> {
+pub async fn rows(client: &Client) -> Result<RunLog, ClusterError> {
     let mut tables = Tables::default();
-    client.events()?.iter().for_each(|event| tables.add(event));
+    client.events().await?.iter().for_each(|event| tables.add(event));
     Ok(tables.finish(client.omitted_events(), SystemTime::now()))
 }
 

@@ -20,11 +20,10 @@ pub fn remembered_wrongly(
     computed: &Counts,
 ) -> RunError {
     let [remembered, computed] = [held, computed].map(counts_text);
-    let provenances = match cluster.provenances() {
-        Ok(provenances) => provenances,
+    let provenance = match cluster.provenance_about(&tasks::descriptor_bytes(descriptor)) {
+        Ok(provenance) => provenance,
         Err(error) => return error.into(),
     };
-    let provenance = provenances.get(&tasks::descriptor_bytes(descriptor));
     let matching = name(matching);
     if provenance.is_some_and(|provenance| provenance.basis >= Basis::Audited) {
         let what = format!("{descriptor}: {matching}: must be {computed}, got {remembered}");

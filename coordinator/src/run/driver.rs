@@ -132,16 +132,16 @@ impl RunDriver<'_> {
     /// Writes what has happened so far into the folder of a run that has failed: the cause may be in there. That it could
     /// not be written says less than the cause. Nothing is written where it cannot be looked up any more what the run has
     /// asked for.
-    pub fn tell_what_happened(&self) {
-        if let Ok(rows) = tables::rows(&self.client) {
+    pub async fn tell_what_happened(&self) {
+        if let Ok(rows) = tables::rows(&self.client).await {
             let _ = self.folder.write_log(&rows);
         }
     }
 
     /// Writes the tables; the run is finished with the last of them.
-    pub fn finish(&self, outcome: &Outcome) -> Result<Summary, RunError> {
+    pub async fn finish(&self, outcome: &Outcome) -> Result<Summary, RunError> {
         let (Self { experiment, dataset, folder, .. }, finals) = (self, &outcome.finals);
-        folder.write_log(&tables::rows(&self.client)?)?;
+        folder.write_log(&tables::rows(&self.client).await?)?;
         folder.write_skipped(&rows::skipped(dataset))?;
         let front = front::rows(
             (experiment.space(), experiment.fitness()),

@@ -212,20 +212,20 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     EventFile::finish(events).await;
     drop(session_guard);
     if searched.is_err() {
-        run.tell_what_happened();
+        run.tell_what_happened().await;
     }
     let outcome = searched?;
     run.progress.finish();
-    let trusted = session.cluster.quarantined().is_empty() && is_whole;
     // Not after the run is finished: what cannot be looked up is a reason to go on with it, by its journal.
     let answerers = session.cluster.answerers()?;
-    let provenances = if trusted && remembers { Some(session.cluster.provenances()?) } else { None };
-    let summary = run.finish(&outcome)?;
+    let provenances = if remembers { Some(session.cluster.provenances().await?) } else { None };
+    let trusted = session.cluster.quarantined().is_empty() && is_whole;
+    let summary = run.finish(&outcome).await?;
     remove_journal(&out);
     session.register(&out, &outcome.found.counts, &answerers);
     // Not before the run is finished: what a failed one computed is in doubt, and so is what one with a worker that
     // was wrong computed where nobody has looked; after damage to the journal nobody knows whether there was one.
-    if let Some(provenances) = provenances {
+    if let Some(provenances) = provenances.filter(|_| trusted) {
         let from = (session.cluster.session, &provenances);
         outcome.found.counts.keep(&train_memory, &validation_memory, from);
     }

@@ -126,24 +126,26 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     EventFile::finish(events).await;
     drop(session_guard);
     if searched.is_err() {
-        runs.iter().for_each(|(_, run)| run.tell_what_happened());
+        for (_, run) in &runs {
+            run.tell_what_happened().await;
+        }
     }
     let done = searched?;
     progress.finish();
 
-    let trusted = session.cluster.quarantined().is_empty() && is_whole;
     // Results are looked at once, and not for each member; and before the journal is removed, as they may be beyond
     // reading.
     let answerers = session.cluster.answerers()?;
     let remembers = |member: &Member| member.experiment.remembers_counts(dataset);
     let provenances =
-        if trusted && members.iter().any(remembers) { Some(session.cluster.provenances()?) } else { None };
+        if members.iter().any(remembers) { Some(session.cluster.provenances().await?) } else { None };
+    let trusted = session.cluster.quarantined().is_empty() && is_whole;
     remove_journal(&out);
     for (place, summary, found) in done {
         session.register(&summary.out, &found, &answerers);
         summaries.push((place, summary));
         // Not before all are finished, as none of them was told a wrong answer that is known to be one.
-        if let Some(provenances) = &provenances
+        if let Some(provenances) = provenances.as_ref().filter(|_| trusted)
             && remembers(&members[place])
         {
             found.keep(&train_memory, &validation_memory, (session.cluster.session, provenances));
@@ -212,12 +214,12 @@ async fn run_all(runs: &mut [(usize, RunDriver<'_>)], tally: &Tally) -> Result<V
 }
 
 async fn run_one(place: usize, run: &mut RunDriver<'_>, tally: &Tally) -> Result<Done, RunError> {
-    let searched = run.search().await;
-    let finished = searched.and_then(|outcome| {
+    let finished = async {
+        let outcome = run.search().await?;
         run.client.rest();
-        Ok((run.finish(&outcome)?, outcome.found.counts))
-    });
-    match finished {
+        Ok((run.finish(&outcome).await?, outcome.found.counts))
+    };
+    match finished.await {
         Ok((summary, known)) => {
             tally.run_done();
             run.progress.say(&format!("finished after generation {}", summary.run.generations));

@@ -54,6 +54,9 @@ pub struct DescriptionAnswer {
     pub provenance: Option<Provenance>,
 }
 
+/// Events that are looked at together, each of which may take two reads of a file: nobody is answered meanwhile.
+const EVENTS_AT_ONCE: usize = 64;
+
 /// How long a worker of the own process is waited for: it joins at once, or is refused and never comes.
 const OWN_JOINS_WITHIN: Duration = Duration::from_secs(10);
 
@@ -380,12 +383,20 @@ impl Client {
         self.cluster.state().append(Instant::now(), EventKind::Rewind { generation, why });
     }
 
-    /// Everything that has happened in all starts of the run, without attempts at what only others have asked for.
-    pub fn events(&self) -> Result<Vec<Arc<Event>>, ClusterError> {
-        let events = self.cluster.events.follow_from_first().read_to_end();
-        let state = self.cluster.state();
-        let concerning = state.concerning(self.id, events);
-        state.check_spilled().map(|()| concerning)
+    /// Everything that has happened in all starts of the run, without attempts at what only others have asked for. Workers
+    /// are answered meanwhile.
+    pub async fn events(&self) -> Result<Vec<Arc<Event>>, ClusterError> {
+        let mut concerning = Vec::new();
+        for some in self.cluster.events.follow_from_first().read_to_end().chunks(EVENTS_AT_ONCE) {
+            let concerns = {
+                let state = self.cluster.state();
+                some.iter().map(|event| state.concerns(self.id, event)).collect::<Vec<_>>()
+            };
+            let some = some.iter().zip(concerns).filter(|(_, concerns)| *concerns);
+            concerning.extend(some.map(|(event, _)| Arc::clone(event)));
+            tokio::task::yield_now().await;
+        }
+        self.cluster.check_spilled().map(|()| concerning)
     }
 
     /// How many events had no room in the log since this start.

@@ -23,7 +23,7 @@ use crate::journal::{Journal, JournalError, LogSequence, Recorded};
 use crate::lock::lock;
 use crate::scheduler::{
     Answer, Audit, Caller, ClientId, Doubt, Finished, JobFailed, Limits, Poll, PollRefusal, Provenance,
-    RegisterRefusal, RunSecret, Scheduler, Staffing,
+    Provenances, RegisterRefusal, RunSecret, Scheduler, Staffing,
 };
 use crate::sharding::{Batch, Layouts, ShardCount};
 use crate::spill::SpillError;
@@ -468,14 +468,32 @@ impl Cluster {
         }
     }
 
-    /// See [`Scheduler::provenances`].
+    /// The provenance of everything that is known about each descriptor; without those that are nothing to go on with for
+    /// others than this run. Workers are answered meanwhile.
     ///
     /// # Errors
     /// If what has outgrown memory cannot be looked up any more.
-    pub fn provenances(&self) -> Result<BTreeMap<DescriptorBytes, Arc<Provenance>>, ClusterError> {
+    pub async fn provenances(&self) -> Result<BTreeMap<DescriptorBytes, Arc<Provenance>>, ClusterError> {
+        let mut provenances = Provenances::default();
+        for number in 0.. {
+            let Some((part, of_grounds)) = self.state().scheduler.provenances_of_part(number) else { break };
+            for record in part.records() {
+                provenances.add(&record.task().subject().descriptor, of_grounds[&record.grounds].clone());
+            }
+            tokio::task::yield_now().await;
+        }
+        self.check_spilled().map(|()| provenances.into_known())
+    }
+
+    /// The provenance of everything that is known about a descriptor; `None` if nothing is, or nothing to go on with for
+    /// others than this run.
+    ///
+    /// # Errors
+    /// If what has outgrown memory cannot be looked up any more.
+    pub fn provenance_about(&self, descriptor: &DescriptorBytes) -> Result<Option<Provenance>, ClusterError> {
         let state = self.state();
-        let provenances = state.scheduler.provenances();
-        state.check_spilled().map(|()| provenances)
+        let provenance = state.scheduler.provenance_about(descriptor);
+        state.check_spilled().map(|()| provenance)
     }
 
     /// The provenance of the result of a task that is kept; `None` also if it is nothing to go on with for others than this

@@ -398,13 +398,12 @@ impl ClusterState {
         self.wakeups.values().for_each(|wakeup| wakeup.notify_one());
     }
 
-    /// The events that concern a client: all but attempts at jobs that only others have asked for.
-    pub(super) fn concerning(&self, client: ClientId, mut events: Vec<Arc<Event>>) -> Vec<Arc<Event>> {
-        events.retain(|event| match &event.kind {
+    /// Whether an event concerns a client: all do but attempts at jobs that only others have asked for.
+    pub(super) fn concerns(&self, client: ClientId, event: &Event) -> bool {
+        match &event.kind {
             EventKind::Attempt(attempt) => self.clients.concerns(client, attempt.job, &self.scheduler.jobs),
             _ => true,
-        });
-        events
+        }
     }
 
     fn keep_leases(&self, jobs: &[(Lease, Arc<Task>)], holder: WorkerId) {

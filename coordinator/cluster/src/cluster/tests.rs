@@ -2,6 +2,7 @@
 
 mod dismissal;
 mod foresight;
+mod provenance;
 mod recorded;
 mod sharing;
 
@@ -385,12 +386,12 @@ async fn results_that_cannot_be_read_end_the_run() {
     };
     let sound = on_failing_disk(false);
     assert_eq!(sound.answerers().unwrap().len(), 1);
-    assert_eq!(sound.provenances().unwrap().len(), 0, "of one stranger that nobody has audited");
+    assert_eq!(sound.provenances().await.unwrap().len(), 0, "of one stranger that nobody has audited");
     assert!(sound.flush().await.is_ok());
 
     let failing = on_failing_disk(true);
     assert_eq!(failing.answerers().unwrap().len(), 1, "nothing was looked up");
-    assert!(matches!(failing.provenances(), Err(ClusterError::Spill(_))));
+    assert!(matches!(failing.provenances().await, Err(ClusterError::Spill(_))));
     assert!(matches!(failing.answerers(), Err(ClusterError::Spill(_))));
     let cluster = on_failing_disk(true);
     assert!(cluster.flush().await.is_ok(), "nothing was looked up");
@@ -408,12 +409,12 @@ async fn names_that_cannot_be_looked_up_end_the_run() {
     let mut client = cluster.client();
     let fails = clients::tests::ask_with_names_on_failing_disk(&mut cluster.state().clients, client.id());
     assert!(cluster.check_spilled().is_ok());
-    assert_eq!((client.events().unwrap().len(), client.begins_again().unwrap()), (0, false));
+    assert_eq!((client.events().await.unwrap().len(), client.begins_again().unwrap()), (0, false));
     fails.store(true, std::sync::atomic::Ordering::Relaxed);
     for number in 0..200 {
         cluster.state().clients.name(client.id(), &clients::tests::task(number));
     }
-    assert!(matches!(client.events(), Err(ClusterError::Spill(_))));
+    assert!(matches!(client.events().await, Err(ClusterError::Spill(_))));
     assert!(matches!(client.begins_again(), Err(ClusterError::Spill(_))));
     assert!(matches!(cluster.flush().await, Err(ClusterError::Spill(_))));
 }

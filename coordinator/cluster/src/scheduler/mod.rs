@@ -34,7 +34,7 @@ use proto::{JobId, Lease, Principal, WorkerId};
 use crate::counters::Counters;
 use crate::events::{AttemptEnd, Departure, EventKind};
 pub use crate::secret::{Caller, RunSecret};
-use crate::store::{Grounds, Job, JobStore, Quorum, Vote};
+use crate::store::{Grounds, Job, JobStore, Part, Quorum, Vote};
 pub use control::{Drained, MAX_PRIORITY};
 use described::Described;
 pub use described::{Channel, ChannelsOf, Expected, JobChannels};
@@ -45,8 +45,7 @@ pub use messages::{
     WorkerFailure,
 };
 pub use metrics::{JobState, SchedulerMetrics, WorkerState};
-use provenance::Provenances;
-pub use provenance::{Basis, Provenance};
+pub use provenance::{Basis, Provenance, Provenances};
 use queue::Queue;
 use run_times::RunTimes;
 pub use trust::Audit;
@@ -269,15 +268,22 @@ impl Scheduler {
         self.settle(id, now);
     }
 
-    /// The provenance of everything that is known about each descriptor; without those that are nothing to go on with for
+    /// Some of the accepted results, as [`JobStore::accepted_part`], with their provenances by their grounds.
+    pub fn provenances_of_part(&self, number: u32) -> Option<(Part, BTreeMap<Grounds, Option<Provenance>>)> {
+        let part = self.jobs.accepted_part(number)?;
+        let grounds: BTreeSet<Grounds> = part.records().map(|record| record.grounds).collect();
+        let of = |grounds| (grounds, Provenance::of(grounds, &self.trust));
+        Some((part, grounds.into_iter().map(of).collect()))
+    }
+
+    /// The provenance of everything that is known about a descriptor; `None` if nothing is, or nothing to go on with for
     /// others than this run.
-    pub fn provenances(&self) -> BTreeMap<DescriptorBytes, Arc<Provenance>> {
-        let mut provenances = Provenances::default();
-        self.jobs.for_each_accepted(|record| {
-            let one = Provenance::of(record.grounds, &self.trust);
-            provenances.add(&record.task().subject().descriptor, one);
-        });
-        provenances.into_known()
+    pub fn provenance_about(&self, descriptor: &DescriptorBytes) -> Option<Provenance> {
+        let about = self.jobs.about(descriptor).into_iter();
+        about
+            .filter(|(task, _)| task.subject().descriptor == *descriptor)
+            .map(|(_, finished)| self.provenance(&finished))
+            .reduce(|all, one| Some(all?.and(one?)))?
     }
 
     /// The provenance of a result; `None` if it is nothing to go on with for others than this run.

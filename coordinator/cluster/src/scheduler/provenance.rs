@@ -59,14 +59,14 @@ impl Provenance {
 
 /// Provenances of descriptors of which several results may be known. Equal ones are shared: there may be millions.
 #[derive(Default)]
-pub(super) struct Provenances {
+pub struct Provenances {
     descriptors: BTreeMap<DescriptorBytes, Option<Arc<Provenance>>>,
     shared: BTreeSet<Arc<Provenance>>,
 }
 
 impl Provenances {
     /// Adds that of one more result about a descriptor; `None`: it is nothing to go on with for others.
-    pub(super) fn add(&mut self, descriptor: &DescriptorBytes, one: Option<Provenance>) {
+    pub fn add(&mut self, descriptor: &DescriptorBytes, one: Option<Provenance>) {
         match self.descriptors.entry(descriptor.clone()) {
             Entry::Vacant(first) => {
                 first.insert(one.map(|one| share(&mut self.shared, one)));
@@ -80,7 +80,7 @@ impl Provenances {
     }
 
     /// Those of descriptors with which others may go on.
-    pub(super) fn into_known(self) -> BTreeMap<DescriptorBytes, Arc<Provenance>> {
+    pub fn into_known(self) -> BTreeMap<DescriptorBytes, Arc<Provenance>> {
         self.descriptors.into_iter().filter_map(|(one, provenance)| Some((one, provenance?))).collect()
     }
 }

@@ -2,6 +2,7 @@
 //!
 //! Any of them may have to be checked again, so none is dropped before the run ends.
 
+use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet};
 
 use proto::journal::{AcceptedResult, Assurance};
@@ -52,6 +53,14 @@ pub struct Grounds {
     pub seconded: Option<Principal>,
     /// Why their word is believed.
     pub assurance: Assurance,
+}
+
+/// Some of the results, as they were when they were taken out.
+#[derive(Default)]
+pub struct Part {
+    bytes: Vec<u8>,
+    /// Where the records begin that count, and their grounds.
+    records: Vec<(usize, Grounds)>,
 }
 
 /// A task and its accepted result, as bytes.
@@ -256,36 +265,65 @@ impl Archive {
         selected
     }
 
-    /// Shows all results to `see`, in no order of meaning.
-    pub(super) fn for_each(&self, mut see: impl FnMut(&Record<'_>)) {
-        let mut see_block = |number: u32, bytes: &[u8]| {
-            let mut rest = bytes;
-            while let Some((record, next)) = self.first_record(rest) {
-                let place = Place { block: number, start: (bytes.len() - rest.len()) as u32 };
-                if self.replaced.contains(&place.to_bytes()) == Ok(false) {
-                    see(&record);
-                }
-                rest = next;
-            }
+    /// The results of one block, those that others have replaced left out; `None` after the last. Whoever takes block after
+    /// block sees every job that has a result when the first is taken: one that is replaced meanwhile stands in its old block
+    /// or a later one, or in both.
+    pub(super) fn part(&self, number: u32) -> Option<Part> {
+        let bytes = match number.cmp(&self.blocks) {
+            Ordering::Less => self.full_block(number).unwrap_or_default(),
+            Ordering::Equal => self.filling.clone(),
+            Ordering::Greater => return None,
         };
-        for number in 0..self.blocks {
-            see_block(number, &self.full_block(number).unwrap_or_default());
+        let [first, last] = [0, u32::MAX].map(|start| Place { block: number, start }.to_bytes());
+        let replaced = self.replaced.keys(&first, &last).ok()?;
+        let (mut records, mut rest) = (Vec::new(), &bytes[..]);
+        while let Some((record, next)) = self.first_record(rest) {
+            let start = bytes.len() - rest.len();
+            let place = Place { block: number, start: start as u32 }.to_bytes();
+            if replaced.binary_search(&place).is_err() {
+                records.push((start, record.grounds));
+            }
+            rest = next;
         }
-        see_block(self.blocks, &self.filling);
+        Some(Part { bytes, records })
+    }
+
+    /// All results, in no order of meaning.
+    pub(super) fn parts(&self) -> impl Iterator<Item = Part> {
+        (0..=self.blocks).filter_map(|number| self.part(number))
     }
 
     /// The record that these bytes begin with, and the bytes after it.
     fn first_record<'a>(&self, bytes: &'a [u8]) -> Option<(Record<'a>, &'a [u8])> {
-        let (job, rest) = bytes.split_first_chunk()?;
-        let (grounds, rest) = rest.split_first_chunk()?;
-        let (grounds, _) = *self.grounds.get(u32::from_le_bytes(*grounds) as usize)?;
-        let (task, rest) = part(rest)?;
-        let (accepted, rest) = part(rest)?;
-        Some((Record { job: JobId(u64::from_le_bytes(*job)), grounds, task, accepted }, rest))
+        let (grounds, _) = self.grounds.get(grounds_number(bytes)?)?;
+        record(bytes, *grounds)
     }
 }
 
-fn part(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
+impl Part {
+    /// The results.
+    pub fn records(&self) -> impl Iterator<Item = Record<'_>> {
+        let record = |&(start, grounds): &(usize, Grounds)| Some(record(&self.bytes[start..], grounds)?.0);
+        self.records.iter().filter_map(record)
+    }
+}
+
+/// The number of the grounds of the record that these bytes begin with.
+fn grounds_number(bytes: &[u8]) -> Option<usize> {
+    let (_job, rest) = bytes.split_first_chunk::<8>()?;
+    Some(u32::from_le_bytes(*rest.first_chunk()?) as usize)
+}
+
+/// The record with these grounds that these bytes begin with, and the bytes after it.
+fn record(bytes: &[u8], grounds: Grounds) -> Option<(Record<'_>, &[u8])> {
+    let (job, rest) = bytes.split_first_chunk()?;
+    let (_number, rest) = rest.split_first_chunk::<4>()?;
+    let (task, rest) = field(rest)?;
+    let (accepted, rest) = field(rest)?;
+    Some((Record { job: JobId(u64::from_le_bytes(*job)), grounds, task, accepted }, rest))
+}
+
+fn field(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     let (length, rest) = bytes.split_first_chunk()?;
     rest.split_at_checked(u32::from_le_bytes(*length) as usize)
 }
@@ -361,11 +399,11 @@ mod tests {
                 prop_assert_eq!(got.as_ref(), expected.get(&job));
             }
             let mut all = BTreeMap::new();
-            archive.for_each(|record| {
+            for record in archive.parts().collect::<Vec<_>>().iter().flat_map(Part::records) {
                 let (task, finished) = (record.task(), record.finished());
-                assert_eq!(record.grounds, Grounds::of(&finished));
-                assert!(all.insert(record.job, (task, finished)).is_none(), "{:?} twice", record.job);
-            });
+                prop_assert_eq!(record.grounds, Grounds::of(&finished));
+                prop_assert!(all.insert(record.job, (task, finished)).is_none(), "{:?} twice", record.job);
+            }
             prop_assert_eq!(&all, &expected);
             let grounds: BTreeSet<_> = expected.values().map(|(_, finished)| Grounds::of(finished)).collect();
             prop_assert_eq!(archive.grounds().collect::<BTreeSet<_>>(), grounds);
@@ -423,6 +461,37 @@ mod tests {
                 Finished { result: result.clone(), run_seconds: 0.0, ..finished(task.job(0).0, 0, None) };
             assert!(archive.insert(task, &finished));
             assert_eq!(archive.get(finished.job), Some((task.clone(), finished)));
+        }
+    }
+
+    #[test]
+    fn whoever_looks_at_all_results_part_by_part_misses_none_that_is_replaced_meanwhile() {
+        for replaced_after in 0..5 {
+            let mut archive = in_memory();
+            for job in 0..2000 {
+                archive.insert(&task(job, 2), &finished(job.into(), 1, None));
+            }
+            assert!(archive.blocks > 4);
+            let mut seen = BTreeMap::<JobId, Vec<u32>>::new();
+            let mut number = 0;
+            while let Some(part) = archive.part(number) {
+                for record in part.records() {
+                    let TaskResult::Evaluation(result) = record.finished().result else { unreachable!() };
+                    seen.entry(record.job).or_default().push(result.object_correct);
+                }
+                if number == replaced_after {
+                    for job in (0..2000).step_by(3) {
+                        archive.replace(&task(job, 2), &finished(job.into(), 7, Some(0.5)));
+                    }
+                }
+                number += 1;
+            }
+            for job in 0..2000u32 {
+                let corrects = &seen[&JobId(job.into())];
+                let is_replaced = job.is_multiple_of(3);
+                assert!(matches!(corrects[..], [1] | [1, 7] | [7]), "{corrects:?}");
+                assert_eq!(corrects.contains(&7), is_replaced, "job {job}");
+            }
         }
     }
 

@@ -18,7 +18,8 @@ use proto::{Digest, JobId, Lease, Principal, WorkerId};
 
 use accepted_index::AcceptedIndex;
 use archive::Archive;
-pub use archive::{Grounds, Record};
+use archive::Record;
+pub use archive::{Grounds, Part};
 pub use job::{FailedAttempt, Job, Quorum, Vote};
 
 use crate::journal::{LogSequence, Recorded, RecordedResults};
@@ -364,9 +365,11 @@ impl JobStore {
         Some(finished)
     }
 
-    /// Shows `see` all accepted results that somebody has asked for in this start, in no order of meaning.
-    pub fn for_each_accepted(&self, see: impl FnMut(&Record<'_>)) {
-        self.archive.for_each(see);
+    /// Some of the accepted results that somebody has asked for in this start; `None` after the last. Whoever takes part
+    /// after part, from 0 on, sees all that are there when the first is taken, some of those that are replaced meanwhile
+    /// twice: as they were, and as they are then.
+    pub fn accepted_part(&self, number: u32) -> Option<Part> {
+        self.archive.part(number)
     }
 
     /// The grounds that some accepted result has that somebody has asked for in this start.
@@ -383,13 +386,13 @@ impl JobStore {
     /// The jobs whose accepted results are these descriptions.
     pub fn describing(&self, descriptions: &BTreeSet<Digest>) -> Vec<JobId> {
         let mut describing = Vec::new();
-        self.archive.for_each(|record| {
-            if let TaskResult::Description(described) = record.finished().result
-                && descriptions.contains(&described.digest)
-            {
-                describing.push(record.job);
-            }
-        });
+        for part in self.archive.parts() {
+            let is_describing = |record: &Record<'_>| match record.finished().result {
+                TaskResult::Description(described) => descriptions.contains(&described.digest),
+                _ => false,
+            };
+            describing.extend(part.records().filter(is_describing).map(|record| record.job));
+        }
         describing
     }
 
@@ -404,11 +407,10 @@ impl JobStore {
     /// these from the other end.
     pub fn recheck(&mut self, principal: Principal) -> Vec<Recheck> {
         let mut of_principal = BTreeMap::new();
-        self.archive.for_each(|record| {
-            if record.grounds.rest_on(principal) {
-                of_principal.insert(record.job, record.task());
-            }
-        });
+        for part in self.archive.parts() {
+            let resting = part.records().filter(|record| record.grounds.rest_on(principal));
+            of_principal.extend(resting.map(|record| (record.job, record.task())));
+        }
         let mut rechecks = Vec::new();
         for (of, task) in of_principal {
             let job = task.job(u32::MAX - self.checks);

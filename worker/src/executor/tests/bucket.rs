@@ -1,7 +1,7 @@
 //! A bucket that machines share saves them work; whatever is wrong with it costs them time at most.
 
-use proto::{BLOB_KIND, MIN_SHARED_DESCRIPTION_BYTES};
 use proto::task::Described;
+use proto::{BLOB_KIND, MIN_SHARED_DESCRIPTION_BYTES};
 use ring::digest;
 use tempfile::tempdir;
 

@@ -144,7 +144,7 @@ async fn each_is_told_of_attempts_at_what_it_has_asked_and_of_all_workers() {
     };
     first.note_rewind(1, "for a test".to_owned());
     for (client, attempts) in [(first, 2), (second, 3)] {
-        let events = client.events().unwrap();
+        let events = client.events().await.unwrap();
         let count = |is_it: fn(&EventKind) -> bool| events.iter().filter(|event| is_it(&event.kind)).count();
         assert_eq!(count(|kind| matches!(kind, EventKind::Attempt(_))), attempts);
         assert_eq!(count(|kind| matches!(kind, EventKind::Joined { .. })), 1);
@@ -242,7 +242,8 @@ async fn what_an_operator_orders_is_done_once_and_told_to_everybody() {
         EventKind::Controlled(_) => Some(kind.to_string()),
         _ => None,
     };
-    let events: Vec<String> = second.events().unwrap().iter().filter_map(|event| said(&event.kind)).collect();
+    let events: Vec<String> =
+        second.events().await.unwrap().iter().filter_map(|event| said(&event.kind)).collect();
     assert_eq!(
         events,
         [
