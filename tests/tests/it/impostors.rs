@@ -229,7 +229,7 @@ async fn a_liar_is_found_out(family: &str, settings: &str, lies: u32) {
     // The liar has the first generation and more to itself, before those come who know better.
     let liar = certified_liar(&site, port, lies);
     let workers = tokio::task::block_in_place(|| {
-        coordinator.wait_for("nothing can be audited");
+        coordinator.wait_for("answers go unaudited");
         coordinator.wait_for("generation 1/5");
         honest_workers(&site, &mut coordinator, port)
     });

@@ -95,7 +95,7 @@ pub enum EventKind {
         /// Label of the job's task.
         task: String,
     },
-    /// An evaluation that was to be audited was accepted from the only principal there is. Emitted once; audits are made
+    /// An evaluation that was to be audited was accepted from the only principal that can answer it. Emitted once; audits are made
     /// up for when another joins.
     Unaudited,
     /// Workers have been idle for a while.
@@ -145,7 +145,7 @@ impl fmt::Display for EventKind {
                 write!(f, "{task}: workers differ and no other is there to decide; waiting for one to join")
             }
             Self::Unaudited => f.write_str(
-                "nothing can be audited: all workers show the same credential from the same address, and have one vote until another joins",
+                "answers go unaudited: no other principal is there that can give a second one; workers that show the same credential from the same address are one, and audits are made up for when another joins",
             ),
             Self::Starving { idle, unfinished } => {
                 let workers = if *idle == 1 { "worker is" } else { "workers are" };

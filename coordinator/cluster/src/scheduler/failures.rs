@@ -9,7 +9,6 @@ use proto::{JobId, Principal, WorkerId};
 
 use super::health::Health;
 use super::messages::WorkerFailure;
-use super::worker::Worker;
 use super::{Emitted, JobFailed, Scheduler};
 use crate::events::EventKind;
 use crate::store::{FailedAttempt, Job};
@@ -25,9 +24,11 @@ impl Scheduler {
         let malformed = failure.reason == FailureReason::InvalidJob;
         let failure = WorkerFailure { worker: label, failure };
         job.failures.push(FailedAttempt { worker: id, principal, failure });
-        let of_own = job.failures.iter().filter(|failed| failed.principal == Principal::Coordinator).count();
-        if of_own >= max_failures {
+        if job.times_failed(Principal::Coordinator) >= max_failures {
             job.do_without_own();
+        }
+        if !job.votes.is_empty() && job.times_failed(principal) >= max_failures {
+            return self.settle(job_id, now); // it may have been the last that could give another answer
         }
         if malformed || job.failures.len() >= max_failures {
             self.failing.insert(job_id);
@@ -100,11 +101,8 @@ impl Scheduler {
     /// principals or of all that are here, or on all workers that are here. Neither three sick machines must end a run that
     /// two healthy ones could do, nor whoever runs under three names.
     fn is_hopeless(&self, job: &Job) -> bool {
-        if job.needs() == 0 || job.delivered {
-            return false; // there is a result; whoever could confirm it may come
-        }
-        if job.is_given_up() {
-            return false;
+        if !job.votes.is_empty() || job.delivered || job.is_given_up() {
+            return false; // there is a result, and whoever could confirm it may come, or nobody waits for one
         }
         let is_able = |failed: &&FailedAttempt| {
             let has_answered = self.identities.get(&failed.worker).is_some_and(|known| known.answers > 0);
@@ -123,12 +121,11 @@ impl Scheduler {
             job.failures.iter().filter(is_malformed).collect(),
         );
         let most = self.limits.max_failures as usize;
-        let could_answer = |worker: &Worker| worker.is_available() && !job.answered_by(worker.principal);
-        let is_untried = self.workers.iter().any(|(id, worker)| could_answer(worker) && !job.failed_on(*id));
+        let is_untried = self.workers.iter().any(|(id, worker)| worker.is_available() && !job.failed_on(*id));
         let has_failed =
             |principal: Principal| job.failures.iter().any(|failed| failed.principal == principal);
         let has_untried_principal =
-            || self.workers.values().any(|worker| could_answer(worker) && !has_failed(worker.principal));
+            || self.workers.values().any(|worker| worker.is_available() && !has_failed(worker.principal));
         principals(&malformed).contains(&Principal::Coordinator)
             || principals(&malformed).len() >= 2
             || able.len() >= most && (principals(&able).len() >= most || !has_untried_principal())

@@ -113,7 +113,7 @@ impl Scheduler {
         }
         let tried = |(id, worker): (&WorkerId, &Worker)| {
             let cannot = job.awaits_own() && worker.principal != Principal::Coordinator;
-            cannot || worker.is_left_out() || job.answered_by(worker.principal) || job.failed_on(*id)
+            cannot || worker.is_left_out() || !self.may_answer(worker.principal, job) || job.failed_on(*id)
         };
         let of_principal =
             |holder: &WorkerId| self.workers.get(holder).is_some_and(|worker| worker.principal == principal);
@@ -121,7 +121,9 @@ impl Scheduler {
             2.. => job.leases.iter().any(|(holder, _)| of_principal(holder)),
             _ => job.lease_of(id).is_some(),
         };
-        !job.answered_by(principal) && !has_lease && (!job.failed_on(id) || self.workers.iter().all(tried))
+        self.may_answer(principal, job)
+            && !has_lease
+            && (!job.failed_on(id) || self.workers.iter().all(tried))
     }
 
     /// How many results a job needs that somebody who is here can give.
@@ -130,7 +132,7 @@ impl Scheduler {
         if needs == 0 || job.awaits_own() {
             return needs.min(usize::from(self.somebody_else(job)));
         }
-        self.present.keys().filter(|principal| !job.answered_by(**principal)).take(needs).count()
+        self.present.keys().filter(|principal| self.may_answer(**principal, job)).take(needs).count()
     }
 
     fn lease(&mut self, id: WorkerId, job_id: JobId, now: Instant) -> Option<(Lease, Arc<Task>)> {

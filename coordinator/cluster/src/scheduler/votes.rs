@@ -1,6 +1,5 @@
 //! Votes: which result of a job counts, which principals are contradicted, and how one that was wrong is quarantined.
 
-use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -259,7 +258,13 @@ impl Scheduler {
         if job.awaits_own() {
             return self.has_own();
         }
-        let voters: BTreeSet<Principal> = job.votes.iter().map(|vote| vote.principal).collect();
-        self.present.keys().any(|principal| !voters.contains(principal))
+        self.present.keys().any(|principal| self.may_answer(*principal, job))
+    }
+
+    /// Whether an answer of a principal would be one more. Where there is one already, whoever has failed as often as a job
+    /// may is asked no more: a job of which nobody can give a second answer would be tried without end.
+    pub(super) fn may_answer(&self, principal: Principal, job: &Job) -> bool {
+        let is_tried = || job.times_failed(principal) >= self.limits.max_failures as usize;
+        !job.answered_by(principal) && (job.votes.is_empty() || !is_tried())
     }
 }

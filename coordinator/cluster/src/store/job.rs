@@ -184,6 +184,11 @@ impl Job {
         self.failures.iter().any(|failed| failed.worker == worker)
     }
 
+    /// How often workers of this principal have failed.
+    pub fn times_failed(&self, principal: Principal) -> usize {
+        self.failures.iter().filter(|failed| failed.principal == principal).count()
+    }
+
     /// Whether a worker of this principal has answered.
     pub fn answered_by(&self, principal: Principal) -> bool {
         self.votes.iter().any(|vote| vote.principal == principal)

@@ -1,5 +1,6 @@
 //! Sick workers beside healthy ones: whose failures count against a job.
 
+use super::opinions::lie;
 use super::*;
 
 /// Has a worker take a job, if it is given one, and fail at it.
@@ -150,6 +151,70 @@ fn what_the_own_worker_cannot_confirm_is_confirmed_by_a_second_principal() {
     bench.report(2, lease, good());
     assert!(!bench.scheduler.in_doubt());
     assert_eq!(bench.scheduler.drain_confirmed()[0].assurance, Assurance::Audited);
+}
+
+/// Nobody is asked without end, and the run goes on with the answer that there is, as where nobody else is here.
+#[test]
+fn a_second_answer_that_nobody_can_give_is_not_waited_for() {
+    for is_delivered in [false, true] {
+        let mut bench = Bench::new(1);
+        bench.scheduler.trust = Trust::new(Audit { share: 1.0, first: 0 });
+        if !is_delivered {
+            bench.join(2).unwrap();
+        }
+        let job = bench.submit();
+        let lease = bench.take(1);
+        bench.report(1, lease, good());
+        let accepted = bench.scheduler.drain_finished();
+        assert_eq!(accepted.len(), usize::from(is_delivered));
+        if is_delivered {
+            bench.join(2).unwrap();
+            assert!(bench.scheduler.in_doubt());
+        }
+        let mut failures = 0;
+        for _ in 0..50 {
+            failures += u32::from(fail_next(&mut bench, 2));
+            bench.pass(1);
+            bench.poll(1, &[], 0);
+        }
+        assert_eq!(failures, LIMITS.max_failures);
+        assert_eq!((bench.scheduler.failed(), bench.scheduler.in_doubt()), (None, false));
+        let accepted = bench.scheduler.drain_finished();
+        assert_eq!(
+            accepted.iter().map(|one| one.job).collect::<Vec<_>>(),
+            [job][usize::from(is_delivered)..]
+        );
+        assert!(accepted.iter().all(|one| one.assurance == Assurance::Owed));
+        // Whoever comes may give it.
+        bench.join(3).unwrap();
+        let lease = bench.take(3);
+        assert_eq!(lease.job, job);
+        bench.report(3, lease, good());
+        assert_eq!(bench.scheduler.drain_confirmed()[0].assurance, Assurance::Audited);
+    }
+}
+
+#[test]
+fn whoever_fails_at_a_second_answer_keeps_it_from_nobody() {
+    let mut bench = Bench::new(3);
+    bench.scheduler.trust = Trust::new(Audit { share: 1.0, first: 0 });
+    bench.submit();
+    let lease = bench.take(1);
+    for _ in 0..LIMITS.max_failures {
+        fail_next(&mut bench, 2);
+    }
+    bench.report(1, lease, lie());
+    for _ in 0..LIMITS.max_failures {
+        fail_next(&mut bench, 2);
+    }
+    assert!(bench.scheduler.drain_finished().is_empty(), "a third is here");
+    let lease = bench.take(3);
+    bench.report(3, lease, good());
+    assert!(bench.scheduler.drain_finished().is_empty(), "two differ");
+    bench.join_as(9, Principal::Coordinator).unwrap();
+    let lease = bench.take(9);
+    bench.report(9, lease, good());
+    assert_eq!(Ok(bench.scheduler.drain_finished().remove(0).result), good());
 }
 
 #[test]
