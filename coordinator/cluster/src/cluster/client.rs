@@ -345,7 +345,10 @@ impl Client {
     /// cannot be looked up any more.
     pub(super) fn has_all(&mut self) -> Result<bool, ClusterError> {
         let mut state = self.cluster.state();
-        if !state.clients.account(self.id).has_all() || state.is_in_doubt() {
+        let has_all = state.clients.account(self.id).has_all();
+        let in_doubt = has_all && state.is_in_doubt(self.id);
+        state.clients.account(self.id).in_doubt = in_doubt;
+        if !has_all || in_doubt {
             return Ok(false);
         }
         // A check of a result that cannot be read has corrected nothing.

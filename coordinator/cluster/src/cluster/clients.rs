@@ -38,6 +38,8 @@ pub(super) struct Account {
     past: Vec<JobNames>,
     /// How many of its jobs have no result.
     waits_for: usize,
+    /// It has all results, and waits until they are beyond doubt.
+    pub(super) in_doubt: bool,
     /// Results to be delivered.
     inbox: Vec<Finished>,
     /// Why results may be wrong, since it last looked.
@@ -57,6 +59,7 @@ impl Account {
             spill,
             past: Vec::new(),
             waits_for: 0,
+            in_doubt: false,
             inbox: Vec::new(),
             doubts: Vec::new(),
             corrected: Vec::new(),
@@ -148,9 +151,10 @@ impl Clients {
         !self.accounts.is_empty() && self.accounts.values().all(|account| account.arrived)
     }
 
-    /// Those that wait for a result.
+    /// Those that wait for a result, or until all are beyond doubt.
     pub(super) fn that_wait(&self) -> impl Iterator<Item = ClientId> {
-        self.accounts.iter().filter(|(_, account)| account.waits_for > 0).map(|(id, _)| *id)
+        let waits = |account: &Account| account.waits_for > 0 || account.in_doubt;
+        self.accounts.iter().filter(move |(_, account)| waits(account)).map(|(id, _)| *id)
     }
 
     /// Names the job by which this client asks for a task.

@@ -250,9 +250,9 @@ impl ClusterState {
         self.retracted.filter(|sequence| !self.is_durable(*sequence))
     }
 
-    /// Whether accepted results are being checked. Looks at all open jobs.
-    pub(super) fn is_in_doubt(&self) -> bool {
-        self.scheduler.jobs.is_checking() || self.scheduler.in_doubt()
+    /// Whether accepted results are being checked that this client cannot do without. Looks at all open jobs.
+    pub(super) fn is_in_doubt(&self, client: ClientId) -> bool {
+        self.scheduler.jobs.is_checking() || self.scheduler.in_doubt(client)
     }
 
     /// A client will submit nothing more.

@@ -471,11 +471,15 @@ impl Scheduler {
     }
 
     /// Whether a result that was delivered is still in doubt, and a worker may remove the doubt: two workers differ,
-    /// or it is to be audited, and there is another principal than the one that gave it.
-    pub fn in_doubt(&self) -> bool {
+    /// or it is to be audited, and there is another principal than the one that gave it. What only clients have asked for
+    /// that are paused is in doubt for these alone: nobody is to wait for as long as they are.
+    pub fn in_doubt(&self, client: ClientId) -> bool {
         let doubtful =
             |job: &Job| job.delivered && job.needs() > 0 && (job.is_disputed() || self.somebody_else(job));
-        self.jobs.iter().any(|(_, job)| doubtful(job))
+        let concerns = |job: &Job| {
+            !self.is_held(job) || job.clients.iter().any(|asking| asking.owner() == client.owner())
+        };
+        self.jobs.iter().any(|(_, job)| doubtful(job) && concerns(job))
     }
 
     /// Ends all leases, because the run ends.

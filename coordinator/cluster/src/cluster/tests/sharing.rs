@@ -176,6 +176,37 @@ fn order(action: ControlAction) -> Controlled {
 }
 
 #[tokio::test]
+async fn results_are_checked_for_whoever_waits_for_that_while_all_others_are_paused() {
+    let (cluster, answers) = (Cluster::new(LIMITS), Cell::new(0));
+    let [mut first, mut second] = [cluster.client(), cluster.client()];
+    cluster.control(order(ControlAction::Pause), &[first.id()]).unwrap();
+    let checked = async {
+        let told = tokio::select! {
+            told = ask(&mut second, &[2]) => told,
+            () = labour(&cluster, 1, &answers, |bins| bins) => unreachable!(),
+        };
+        assert_eq!(told.unwrap(), [2]);
+        cluster.quarantine(Introduction::sample("host", 1).principal);
+        let work = async {
+            // As at each tick. It waits by now for a check of its result.
+            cluster.state().hold_checks();
+            labour(&cluster, 2, &answers, |bins| bins).await;
+        };
+        tokio::select! {
+            biased;
+            confirmed = second.confirmed(|_| {}) => confirmed.unwrap(),
+            () = work => unreachable!(),
+        }
+    };
+    tokio::select! {
+        biased;
+        told = ask(&mut first, &[1]) => panic!("{told:?}, although it is paused"),
+        () = checked => {}
+    }
+    assert_eq!(answers.get(), 2);
+}
+
+#[tokio::test]
 async fn what_an_operator_orders_is_done_once_and_told_to_everybody() {
     let (cluster, answers) = (Cluster::new(LIMITS), Cell::new(0));
     let [mut first, mut second] = [cluster.client(), cluster.client()];

@@ -126,10 +126,10 @@ fn a_confirmation_that_has_failed_is_tried_again_where_only_the_own_worker_may_a
     let accepted = bench.scheduler.drain_finished().remove(0);
     bench.scheduler.confirm(&evaluation(), &accepted, ClientId::new(1), bench.now);
     assert!(fail_next(&mut bench, 9));
-    assert!(bench.scheduler.in_doubt());
+    assert!(bench.scheduler.in_doubt(ClientId::new(1)));
     let lease = bench.take(9);
     bench.report(9, lease, good());
-    assert!(!bench.scheduler.in_doubt());
+    assert!(!bench.scheduler.in_doubt(ClientId::new(1)));
 }
 
 #[test]
@@ -145,11 +145,11 @@ fn what_the_own_worker_cannot_confirm_is_confirmed_by_a_second_principal() {
     for _ in 0..LIMITS.max_failures {
         assert!(fail_next(&mut bench, 9));
     }
-    assert!(bench.scheduler.in_doubt(), "nobody has confirmed it");
+    assert!(bench.scheduler.in_doubt(ClientId::new(1)), "nobody has confirmed it");
     let lease = bench.take(2);
     assert_eq!(lease.job, job);
     bench.report(2, lease, good());
-    assert!(!bench.scheduler.in_doubt());
+    assert!(!bench.scheduler.in_doubt(ClientId::new(1)));
     assert_eq!(bench.scheduler.drain_confirmed()[0].assurance, Assurance::Audited);
 }
 
@@ -169,7 +169,7 @@ fn a_second_answer_that_nobody_can_give_is_not_waited_for() {
         assert_eq!(accepted.len(), usize::from(is_delivered));
         if is_delivered {
             bench.join(2).unwrap();
-            assert!(bench.scheduler.in_doubt());
+            assert!(bench.scheduler.in_doubt(ClientId::new(1)));
         }
         let mut failures = 0;
         for _ in 0..50 {
@@ -178,7 +178,7 @@ fn a_second_answer_that_nobody_can_give_is_not_waited_for() {
             bench.poll(1, &[], 0);
         }
         assert_eq!(failures, LIMITS.max_failures);
-        assert_eq!((bench.scheduler.failed(), bench.scheduler.in_doubt()), (None, false));
+        assert_eq!((bench.scheduler.failed(), bench.scheduler.in_doubt(ClientId::new(1))), (None, false));
         let accepted = bench.scheduler.drain_finished();
         assert_eq!(
             accepted.iter().map(|one| one.job).collect::<Vec<_>>(),
