@@ -14,6 +14,7 @@ pub mod front;
 pub mod matching;
 mod met;
 pub mod progress;
+pub mod recorded_session;
 mod resume;
 pub mod rows;
 pub mod scaled;
@@ -31,25 +32,22 @@ use std::time::{Instant, SystemTime};
 
 use cache::Storage;
 use cache::Store;
-use cluster::Cluster;
 use evolution::Method;
 use proto::Message;
 use proto::Principal;
 use results::RunFolder;
 
 use crate::console::say;
-use crate::control::{Operator, Requests, resuming};
 use crate::dataset::{Dataset, Wanted};
 use crate::exhaust::grid::Grid;
 use crate::experiment::Experiment;
-use crate::metrics::{MetricsSource, SessionGuard};
-use crate::observers::event_file::EventFile;
+use crate::metrics::MetricsSource;
 use crate::reopen::winner_of;
 use crate::result_cache::Known;
-use crate::session::{Session, listen, scale};
-use crate::slurm::{Scaling, SlurmWorkers};
+use crate::session::listen;
+use crate::slurm::SlurmWorkers;
 use crate::storage;
-use transport::{Listener, Port};
+use transport::Port;
 
 use bounds::bounds;
 pub use contradiction::counts_text;
@@ -62,6 +60,7 @@ pub use error::RunError;
 pub use fitness_check::{check_fitness, nothing_recognised};
 pub use matching::Matching;
 use progress::Progress;
+use recorded_session::{RecordedSession, Setup};
 pub use resume::{open_journal, recorded_plan, remove_journal};
 use summary::Summary;
 
@@ -86,51 +85,6 @@ pub struct RunOptions {
     pub comparison_follows: bool,
     /// Where the run tells what is measured of it, if anybody asks.
     pub metrics: Option<Arc<MetricsSource>>,
-}
-
-impl RunOptions {
-    /// Lets workers in. From now on, progress follows the session, and, as long as what this returns is kept, its events are
-    /// written, it is measured, and Slurm is asked for workers.
-    ///
-    /// # Errors
-    /// If the file of events cannot be written, or Slurm cannot be asked.
-    pub async fn start(
-        &self,
-        session: &mut Session<'_>,
-        listener: Option<Listener>,
-        (experiment, out): (&Experiment, &Path),
-        progress: &mut Progress,
-    ) -> Result<(Option<EventFile>, Option<Scaling>, Option<SessionGuard>), RunError> {
-        progress.follow(&session.cluster);
-        progress.measure(self.metrics.as_ref(), out);
-        let events = EventFile::open(self.events.as_deref(), &session.cluster).await?;
-        let refusals = listener.as_ref().map(Listener::refusals);
-        let scaling = scale(self.slurm.as_ref(), (experiment, out), &session.cluster, progress.console())?;
-        session.start(listener, experiment.coordinator().local_workers).await;
-        let measured = (&session.cluster, &session.store);
-        let session_guard = self
-            .metrics
-            .as_ref()
-            .map(|metrics| metrics.attach(measured, session.presigner.clone(), refusals));
-        session.forget_quarantined(progress.console()); // of an earlier start, which may have been killed before it could
-        Ok((events, scaling, session_guard))
-    }
-
-    /// Lets go the workers of a run whose results are written, unless they are needed for what follows.
-    pub async fn dismiss_workers(&self, cluster: &Cluster, dataset: &Dataset) {
-        let is_compared = !dataset.splits.test.is_empty() && dataset.clouds.set_count() == 1;
-        if !(self.comparison_follows && is_compared) {
-            cluster.dismiss_workers().await;
-        }
-    }
-}
-
-/// Ends the quarantine of these principals; they are newcomers.
-pub fn readmit(cluster: &Cluster, principals: &[Principal]) -> Result<(), RunError> {
-    match principals.iter().find(|principal| !cluster.readmit(**principal)) {
-        Some(&principal) => Err(RunError::NotQuarantined { principal }),
-        None => Ok(()),
-    }
 }
 
 /// Runs an experiment to its stop reason; a finished run is only shown again.
@@ -164,73 +118,40 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     {
         return Ok(summary);
     }
-    let texts = (experiment.search_toml(), experiment.record_toml());
-    let (header, journal, recorded) =
-        open_journal(texts, &dataset, &out, started_at, std::slice::from_ref(&out))?;
-    let requests = Requests::begin(&out);
-    let (at_work, is_whole) = (recorded.at_work, recorded.repairs == 0);
-    if recorded.starts > 1 {
-        let there = recorded.accepted.len();
-        progress.say(&format!(
-            "{}: unfinished, goes on with the {there} evaluations that are there",
-            out.display()
-        ));
-    }
-    let past = ((header.session, header.secret), journal, recorded);
-    let memory = options.storage.memory;
-    let mut session = Session::with_journal(
-        past,
+    let setup = Setup {
+        texts: (experiment.search_toml(), experiment.record_toml()),
         experiment,
-        experiment.fitness().needs_sequences(),
-        &dataset,
-        Arc::clone(&store),
-        memory,
-    )?;
-    readmit(&session.cluster, &options.readmit)?;
-    let client = session.cluster.client();
-    let settings = experiment.coordinator();
-    let (events, scaling, session_guard) =
-        options.start(&mut session, listener, (experiment, &out), &mut progress).await?;
+        with_sequences: experiment.fitness().needs_sequences(),
+        dataset: &dataset,
+        out: &out,
+        runs: std::slice::from_ref(&out),
+    };
+    let mut recorded = RecordedSession::open(setup, &store, options, (started, started_at), &progress)?;
+    let client = recorded.session.cluster.client();
+    let mut attached = recorded.start(listener, experiment, &mut progress).await?;
+    let RecordedSession { session, start, .. } = &recorded;
     let memory = |matching| session.splits.memory(&store, experiment.preprocess(), matching);
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);
     let remembers = experiment.remembers_counts(&dataset);
     let known = if remembers { Known::recall(&train_memory, &validation_memory) } else { Known::default() };
-    let start = Start { now: started, first: header.started_at, before: at_work };
+    let (clients, deadline) = (vec![(None, client.id())], experiment.coordinator().deadline);
     let (console, tell) = (progress.console().clone(), progress.teller());
-    let operator = Operator {
-        requests,
-        cluster: Arc::clone(&session.cluster),
-        clients: vec![(None, client.id())],
-        go_on: resuming(&out),
-        keep: None,
-        tls: options.port.protection.tls.clone(),
-    };
-    let (dataset, session, remembered) = (&dataset, &session, &known);
-    let mut run = RunDriver { experiment, dataset, session, remembered, client, folder, progress, start };
-    let work = session.perform(&console, settings.deadline, run.search());
-    let searched = operator.during(tell, work).await;
-    EventFile::finish(events).await;
-    drop(session_guard);
+    let (dataset, start) = (&dataset, *start);
+    let mut run =
+        RunDriver { experiment, dataset, session, remembered: &known, client, folder, progress, start };
+    let search = run.search();
+    let searched = recorded.perform(&mut attached, clients, (deadline, &console, tell), search).await;
     if searched.is_err() {
         run.tell_what_happened().await;
     }
     let outcome = searched?;
     run.progress.finish();
-    // Not after the run is finished: what cannot be looked up is a reason to go on with it, by its journal.
-    let answerers = session.cluster.answerers()?;
-    let provenances = if remembers { Some(session.cluster.provenances().await?) } else { None };
-    let trusted = session.cluster.quarantined().is_empty() && is_whole;
+    let attribution = recorded.attribution(remembers).await?;
     let summary = run.finish(&outcome).await?;
     remove_journal(&out);
-    session.register(&out, &outcome.found.counts, &answerers);
-    // Not before the run is finished: what a failed one computed is in doubt, and so is what one with a worker that
-    // was wrong computed where nobody has looked; after damage to the journal nobody knows whether there was one.
-    if let Some(provenances) = provenances.filter(|_| trusted) {
-        let from = (session.cluster.session, &provenances);
-        outcome.found.counts.keep(&train_memory, &validation_memory, from);
-    }
-    drop(scaling); // those that wait for a place would find nobody
-    options.dismiss_workers(&session.cluster, dataset).await;
+    attribution.note(session, &out, &outcome.found.counts);
+    attribution.leave(session, &outcome.found.counts, [&train_memory, &validation_memory]);
+    recorded.end(attached, dataset).await;
     Ok(summary)
 }
 

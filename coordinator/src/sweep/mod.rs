@@ -15,21 +15,19 @@ use futures_util::future::try_join_all;
 use results::RunFolder;
 
 use crate::console::say;
-use crate::control::{Operator, Requests, resuming};
 use crate::dataset::{Dataset, Wanted};
 use crate::experiment::{Member, Overrides, Plan, Sweep};
-use crate::observers::event_file::EventFile;
 use crate::result_cache::{Known, Wrong};
 use crate::run::directory::{chosen, claim, refuse_another};
 use crate::run::progress::Progress;
-use crate::run::readmit;
+use crate::run::recorded_session::{RecordedSession, Setup};
 use crate::run::summary::Summary;
 use crate::run::tally::Tally;
 use crate::run::{
-    Matching, RunDriver, RunError, RunOptions, Start, check_fitness, compare_with_data, finished, open_data,
-    open_journal, refuse_other_data, remove_journal, rows,
+    Matching, RunDriver, RunError, RunOptions, check_fitness, compare_with_data, finished, open_data,
+    refuse_other_data, remove_journal, rows,
 };
-use crate::session::{Session, listen};
+use crate::session::listen;
 use crate::storage;
 pub use record::{SWEEP_FILE, recorded_sweep};
 pub use summary::SweepSummary;
@@ -74,45 +72,29 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
         refuse_another(folder, &member.experiment.search_toml())?;
     }
     make_folder(&out, sweep)?;
-    let texts = (sweep.search_toml(), sweep.record_toml());
-    let (header, journal, recorded) = open_journal(texts, &dataset, &out, started_at, &run_folders)?;
-    let requests = Requests::begin(&out);
-    let (trusted, begun, is_whole) = (recorded.is_trusted(), recorded.starts > 1, recorded.repairs == 0);
-    let start = Start { now, first: header.started_at, before: recorded.at_work };
-    if begun {
-        let there = recorded.accepted.len();
-        let out = out.display();
-        progress.say(&format!("{out}: unfinished, goes on with the {there} evaluations that are there"));
-    }
-
-    let (mut summaries, folders) = open_folders(&out, &members, &dataset, trusted)?;
-    let past = ((header.session, header.secret), journal, recorded);
-    let memory = options.storage.memory;
-    let with_sequences = members.iter().any(|member| member.experiment.fitness().needs_sequences());
-    let mut session =
-        Session::with_journal(past, base, with_sequences, &dataset, Arc::clone(&store), memory)?;
-    session.cluster.set_shared();
-    readmit(&session.cluster, &options.readmit)?;
-    let clients: Vec<_> = folders.iter().map(|_| session.cluster.client()).collect();
+    let setup = Setup {
+        texts: (sweep.search_toml(), sweep.record_toml()),
+        experiment: base,
+        with_sequences: members.iter().any(|member| member.experiment.fitness().needs_sequences()),
+        dataset: &dataset,
+        out: &out,
+        runs: &run_folders,
+    };
+    let mut recorded = RecordedSession::open(setup, &store, options, (now, started_at), &progress)?;
+    recorded.session.cluster.set_shared();
+    let (mut summaries, folders) = open_folders(&out, &members, &dataset, recorded.is_trusted)?;
+    let clients: Vec<_> = folders.iter().map(|_| recorded.session.cluster.client()).collect();
     let named = |((place, _), client): (&(usize, RunFolder), &cluster::Client)| {
         (Some(members[*place].name.clone()), client.id())
     };
-    let operator = Operator {
-        requests,
-        cluster: Arc::clone(&session.cluster),
-        clients: folders.iter().zip(&clients).map(named).collect(),
-        go_on: resuming(&out),
-        keep: None,
-        tls: options.port.protection.tls.clone(),
-    };
-    let settings = base.coordinator();
-    let (events, scaling, session_guard) =
-        options.start(&mut session, listener, (base, &out), &mut progress).await?;
+    let named_clients = folders.iter().zip(&clients).map(named).collect();
+    let mut attached = recorded.start(listener, base, &mut progress).await?;
+    let RecordedSession { session, start, .. } = &recorded;
     let memory = |matching| session.splits.memory(&store, base.preprocess(), matching);
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);
     let (known, none) = (Known::recall(&train_memory, &validation_memory), Known::default());
     let tally = Arc::new(Tally::new(members.len(), summaries.len()));
-    let (dataset, session) = (&dataset, &session);
+    let (dataset, start) = (&dataset, *start);
     let driver = |((place, folder), client): ((usize, RunFolder), _)| {
         let Member { name, experiment } = &members[place];
         let remembered = if experiment.remembers_counts(dataset) { &known } else { &none };
@@ -121,10 +103,8 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
         (place, RunDriver { experiment, dataset, session, remembered, client, folder, progress, start })
     };
     let mut runs: Vec<(usize, RunDriver<'_>)> = folders.into_iter().zip(clients).map(driver).collect();
-    let work = session.perform(progress.console(), settings.deadline, run_all(&mut runs, &tally));
-    let searched = operator.during(progress.teller(), work).await;
-    EventFile::finish(events).await;
-    drop(session_guard);
+    let shown = (base.coordinator().deadline, progress.console(), progress.teller());
+    let searched = recorded.perform(&mut attached, named_clients, shown, run_all(&mut runs, &tally)).await;
     if searched.is_err() {
         for (_, run) in &runs {
             run.tell_what_happened().await;
@@ -133,26 +113,18 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     let done = searched?;
     progress.finish();
 
-    // Results are looked at once, and not for each member; and before the journal is removed, as they may be beyond
-    // reading.
-    let answerers = session.cluster.answerers()?;
+    // Once, and not for each member.
     let remembers = |member: &Member| member.experiment.remembers_counts(dataset);
-    let provenances =
-        if members.iter().any(remembers) { Some(session.cluster.provenances().await?) } else { None };
-    let trusted = session.cluster.quarantined().is_empty() && is_whole;
+    let attribution = recorded.attribution(members.iter().any(remembers)).await?;
     remove_journal(&out);
     for (place, summary, found) in done {
-        session.register(&summary.out, &found, &answerers);
+        attribution.note(session, &summary.out, &found);
         summaries.push((place, summary));
-        // Not before all are finished, as none of them was told a wrong answer that is known to be one.
-        if let Some(provenances) = provenances.as_ref().filter(|_| trusted)
-            && remembers(&members[place])
-        {
-            found.keep(&train_memory, &validation_memory, (session.cluster.session, provenances));
+        if remembers(&members[place]) {
+            attribution.leave(session, &found, [&train_memory, &validation_memory]);
         }
     }
-    drop(scaling); // those that wait for a place would find nobody
-    options.dismiss_workers(&session.cluster, dataset).await;
+    recorded.end(attached, dataset).await;
     summaries.sort_by_key(|(place, _)| *place);
     let named = |(place, summary): (usize, Summary)| (members[place].name.clone(), summary);
     Ok(SweepSummary { summaries: summaries.into_iter().map(named).collect(), out })
