@@ -19,7 +19,7 @@ use crate::experiment::{Experiment, LocalWorkers};
 use crate::fitness::Fitness;
 use crate::in_process::{self, InProcessWorkers};
 use crate::prepared::PreparedClouds;
-use crate::result_cache::{Known, Wrong, finished_runs, forget};
+use crate::result_cache::{SearchCounts, Wrong, finished_runs, forget};
 use crate::run::fitness_batch::{Answer, FitnessBatch};
 use crate::run::matching::Matching;
 use crate::run::scales::Scales;
@@ -216,7 +216,7 @@ impl<'a> Session<'a> {
 
     /// Notes that the run in a folder is finished, and on whose word it rests, that of `answerers`: see
     /// [`finished_runs`].
-    pub fn register(&self, folder: &Path, counts: &Known, answerers: &BTreeSet<Principal>) {
+    pub fn register(&self, folder: &Path, counts: &SearchCounts, answerers: &BTreeSet<Principal>) {
         let used = counts.used.iter().map(|source| (**source).clone());
         finished_runs::note(&self.store, (folder, false), self.cluster.session, answerers.clone(), used);
     }

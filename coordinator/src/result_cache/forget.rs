@@ -80,7 +80,7 @@ mod tests {
     use results::Counts;
 
     use super::super::source::tests::{principal, source};
-    use super::super::{Memory, Remembered, RememberedCounts};
+    use super::super::{CachedCounts, CountCache, CountsByDescriptor};
     use super::*;
     use crate::storage::store_in;
 
@@ -92,15 +92,15 @@ mod tests {
         let one = |shape_bins: u32, byte: u8| {
             let source = Arc::new(source(1, &[principal(byte)], Basis::Earned));
             let parameters = Parameters { shape_bins, ..Parameters::PAPER_BEST };
-            (Descriptor::DiskRing(parameters), RememberedCounts { counts, source })
+            (Descriptor::DiskRing(parameters), CachedCounts { counts, source })
         };
-        let memory = |clouds: u8| {
+        let cache = |clouds: u8| {
             let manifest = [Digest([clouds; 32])];
-            Memory::new(&store, &Preprocess::default(), [&manifest, &manifest], 10)
+            CountCache::new(&store, &Preprocess::default(), [&manifest, &manifest], 10)
         };
-        memory(1).keep(&Remembered::from([one(8, 1), one(9, 2)]));
-        memory(2).keep(&Remembered::from([one(8, 1)]));
-        memory(3).keep(&Remembered::from([one(8, 2)]));
+        cache(1).keep(&CountsByDescriptor::from([one(8, 1), one(9, 2)]));
+        cache(2).keep(&CountsByDescriptor::from([one(8, 1)]));
+        cache(3).keep(&CountsByDescriptor::from([one(8, 2)]));
         let [liar, honest] = [1, 2].map(|byte| source(1, &[principal(byte)], Basis::Audited));
         for kind in Sourced::ALL {
             kind.put(&store, Digest([1; 32]), &liar, b"wrong");
@@ -120,9 +120,9 @@ mod tests {
         let forgotten = forget(&store, &wrong);
         let finished = vec![Finished { folder: run, is_grid: false }];
         assert_eq!(forgotten, Forgotten { counts: 2, entries: 2, finished });
-        assert_eq!(memory(1).recall(), Remembered::from([one(9, 2)]));
-        assert_eq!(memory(2).recall(), Remembered::new());
-        assert_eq!(memory(3).recall(), Remembered::from([one(8, 2)]));
+        assert_eq!(cache(1).read(), CountsByDescriptor::from([one(9, 2)]));
+        assert_eq!(cache(2).read(), CountsByDescriptor::new());
+        assert_eq!(cache(3).read(), CountsByDescriptor::from([one(8, 2)]));
         for kind in Sourced::ALL {
             assert_eq!(kind.get(&store, Digest([1; 32])), None);
             assert_eq!(kind.get(&store, Digest([2; 32])), Some((honest.clone(), b"right".to_vec())));

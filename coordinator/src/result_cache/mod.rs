@@ -34,7 +34,7 @@ const KIND: &str = "remembered counts";
 
 /// Counts that an earlier run has left.
 #[derive(Clone, Debug, PartialEq)]
-pub struct RememberedCounts {
+pub struct CachedCounts {
     /// The counts.
     pub counts: Counts,
     /// Where they come from.
@@ -42,11 +42,11 @@ pub struct RememberedCounts {
 }
 
 /// What is remembered, by descriptor.
-pub type Remembered = BTreeMap<Descriptor, RememberedCounts>;
+pub type CountsByDescriptor = BTreeMap<Descriptor, CachedCounts>;
 
 /// What is known of descriptors under one fitness on the clouds of one matching.
 #[derive(Debug, Default)]
-pub struct KnownCounts {
+pub struct MatchingCounts {
     /// What those have that an earlier run has left.
     earlier: BTreeMap<DescriptorBytes, Measured>,
     /// Where those come from that an earlier run has left and this one has not used yet.
@@ -57,19 +57,19 @@ pub struct KnownCounts {
 
 /// What is known of descriptors under one fitness.
 #[derive(Debug, Default)]
-pub struct Known {
+pub struct SearchCounts {
     /// On the training clouds.
-    pub train: KnownCounts,
+    pub train: MatchingCounts,
     /// On the validation clouds.
-    pub validation: KnownCounts,
+    pub validation: MatchingCounts,
     /// Where those come from that an earlier run has left and this one has used.
     pub used: BTreeSet<Arc<Source>>,
 }
 
-impl KnownCounts {
-    fn recall(memory: &Memory<'_>) -> Self {
+impl MatchingCounts {
+    fn read(cache: &CountCache<'_>) -> Self {
         let mut known = Self::default();
-        for (descriptor, RememberedCounts { counts, source }) in memory.recall() {
+        for (descriptor, CachedCounts { counts, source }) in cache.read() {
             known.earlier.insert(descriptor_bytes(&descriptor), Measured { counts, margin: None });
             known.unused.insert(descriptor, source);
         }
@@ -132,10 +132,10 @@ impl KnownCounts {
     }
 }
 
-impl Known {
+impl SearchCounts {
     /// What is remembered under the paper's fitness.
-    pub fn recall(train: &Memory<'_>, validation: &Memory<'_>) -> Self {
-        let [train, validation] = [train, validation].map(KnownCounts::recall);
+    pub fn read(train: &CountCache<'_>, validation: &CountCache<'_>) -> Self {
+        let [train, validation] = [train, validation].map(MatchingCounts::read);
         Self { train, validation, used: BTreeSet::new() }
     }
 
@@ -161,8 +161,8 @@ impl Known {
     /// `provenances`: nobody goes on with what one stranger alone has said.
     pub fn keep(
         &self,
-        train: &Memory<'_>,
-        validation: &Memory<'_>,
+        train: &CountCache<'_>,
+        validation: &CountCache<'_>,
         (run, provenances): (SessionId, &BTreeMap<DescriptorBytes, Arc<Provenance>>),
     ) {
         let mut sources: BTreeMap<&Provenance, Arc<Source>> = BTreeMap::new();
@@ -170,32 +170,32 @@ impl Known {
             let source = || Source { run, provenance: Provenance::clone(provenance) };
             sources.entry(&**provenance).or_insert_with(|| Arc::new(source()));
         }
-        for (memory, known) in [(train, &self.train), (validation, &self.validation)] {
-            let mut found = Remembered::new();
+        for (cache, known) in [(train, &self.train), (validation, &self.validation)] {
+            let mut found = CountsByDescriptor::new();
             let shown = known.for_each(|bytes, Measured { counts, .. }| {
                 if let Some(provenance) = provenances.get(&DescriptorBytes::from(bytes.to_vec()))
                     && let Ok(descriptor) = Descriptor::from_bytes(bytes)
                 {
                     let source = Arc::clone(&sources[&**provenance]);
-                    found.insert(descriptor, RememberedCounts { counts, source });
+                    found.insert(descriptor, CachedCounts { counts, source });
                 }
             });
             if let Err(failure) = shown {
                 tracing::warn!("cache: {KIND} of this run are not all kept: {failure}");
             }
-            memory.keep(&found);
+            cache.keep(&found);
         }
     }
 }
 
 /// The place in the store of the counts of one matching on one data set.
-pub struct Memory<'a> {
+pub struct CountCache<'a> {
     store: &'a Store,
     key: Digest,
     queries: u32,
 }
 
-impl<'a> Memory<'a> {
+impl<'a> CountCache<'a> {
     /// The place for counts of so many queries, whose manifests come first, against the database, whose manifests come
     /// second.
     pub fn new(store: &'a Store, preprocess: &Preprocess, manifests: [&[Digest]; 2], queries: u32) -> Self {
@@ -206,21 +206,21 @@ impl<'a> Memory<'a> {
     }
 
     /// What is remembered; nothing if there is any doubt.
-    pub fn recall(&self) -> Remembered {
-        let Some(payload) = self.store.get_local(KIND, self.key) else { return Remembered::new() };
+    pub fn read(&self) -> CountsByDescriptor {
+        let Some(payload) = self.store.get_local(KIND, self.key) else { return CountsByDescriptor::new() };
         if records::is_older(&payload) {
-            return Remembered::new(); // of an earlier release: nothing is wrong with it
+            return CountsByDescriptor::new(); // of an earlier release: nothing is wrong with it
         }
         records::decode(&payload, self.queries).unwrap_or_else(|what| {
             tracing::warn!("cache: {KIND} {} are not used, got {what}", self.key);
-            Remembered::new()
+            CountsByDescriptor::new()
         })
     }
 
     /// Adds the counts of a finished run. Of two runs that end at the same moment, one may overwrite what the other
     /// has just added: that is computed once more.
-    pub fn keep(&self, found: &Remembered) {
-        let mut known = self.recall();
+    pub fn keep(&self, found: &CountsByDescriptor) {
+        let mut known = self.read();
         if merge(&mut known, found) {
             records::truncate(&mut known);
             self.store.put_local(KIND, self.key, &records::encode(&known, self.queries));
@@ -230,7 +230,7 @@ impl<'a> Memory<'a> {
 
 /// Adds counts and returns whether anything changed. Of two that agree, the one that is believed for the better reason
 /// stays. Where two runs disagree, one of them was computed wrongly: neither is kept.
-fn merge(known: &mut Remembered, found: &Remembered) -> bool {
+fn merge(known: &mut CountsByDescriptor, found: &CountsByDescriptor) -> bool {
     let mut changed = false;
     for (descriptor, new) in found {
         let (before, now) = match known.get_mut(descriptor) {
@@ -266,20 +266,20 @@ mod tests {
     use super::source::tests::{principal, source};
     use super::*;
 
-    fn memory<'a>(store: &'a Store, preprocess: &Preprocess, query: &[u8], database: &[u8]) -> Memory<'a> {
+    fn cache<'a>(store: &'a Store, preprocess: &Preprocess, query: &[u8], database: &[u8]) -> CountCache<'a> {
         let digests = |bytes: &[u8]| bytes.iter().map(|&byte| Digest([byte; 32])).collect::<Vec<_>>();
-        Memory::new(store, preprocess, [&digests(query), &digests(database)], 10)
+        CountCache::new(store, preprocess, [&digests(query), &digests(database)], 10)
     }
 
     fn counts(object_correct: u32) -> Counts {
         Counts { object_correct, category_correct: 9, queries: 10 }
     }
 
-    fn remembered(descriptors: &[(u32, u32)]) -> Remembered {
+    fn remembered(descriptors: &[(u32, u32)]) -> CountsByDescriptor {
         let one = |&(shape_bins, correct): &(u32, u32)| {
             let parameters = Parameters { shape_bins, ..Parameters::PAPER_BEST };
             let source = Arc::new(source(1, &[principal(1)], Basis::Earned));
-            (Descriptor::DiskRing(parameters), RememberedCounts { counts: counts(correct), source })
+            (Descriptor::DiskRing(parameters), CachedCounts { counts: counts(correct), source })
         };
         descriptors.iter().map(one).collect()
     }
@@ -289,18 +289,18 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let store = storage::store_in(folder.path());
         let preprocess = Preprocess::default();
-        let here = memory(&store, &preprocess, &[1], &[2]);
-        assert_eq!(here.recall(), Remembered::new());
+        let here = cache(&store, &preprocess, &[1], &[2]);
+        assert_eq!(here.read(), CountsByDescriptor::new());
         here.keep(&remembered(&[(8, 3), (9, 4)]));
         here.keep(&remembered(&[(9, 4), (10, 5)]));
-        assert_eq!(here.recall(), remembered(&[(8, 3), (9, 4), (10, 5)]));
+        assert_eq!(here.read(), remembered(&[(8, 3), (9, 4), (10, 5)]));
 
-        assert_eq!(memory(&store, &preprocess, &[1], &[2]).recall(), here.recall());
+        assert_eq!(cache(&store, &preprocess, &[1], &[2]).read(), here.read());
         for (query, database) in [(&[2][..], &[1][..]), (&[1, 2], &[]), (&[1], &[2, 3])] {
-            assert_eq!(memory(&store, &preprocess, query, database).recall(), Remembered::new());
+            assert_eq!(cache(&store, &preprocess, query, database).read(), CountsByDescriptor::new());
         }
         let coarser = Preprocess { leaf_um: 30_000, ..preprocess };
-        assert_eq!(memory(&store, &coarser, &[1], &[2]).recall(), Remembered::new());
+        assert_eq!(cache(&store, &coarser, &[1], &[2]).read(), CountsByDescriptor::new());
     }
 
     #[test]
@@ -327,10 +327,10 @@ mod tests {
     fn a_payload_that_makes_no_sense_is_forgotten_and_replaced() {
         let folder = tempfile::tempdir().unwrap();
         let store = storage::store_in(folder.path());
-        let memory = memory(&store, &Preprocess::default(), &[1], &[2]);
-        store.put(KIND, memory.key, b"counts?");
-        assert_eq!(memory.recall(), Remembered::new());
-        memory.keep(&remembered(&[(8, 3)]));
-        assert_eq!(memory.recall(), remembered(&[(8, 3)]));
+        let here = cache(&store, &Preprocess::default(), &[1], &[2]);
+        store.put(KIND, here.key, b"counts?");
+        assert_eq!(here.read(), CountsByDescriptor::new());
+        here.keep(&remembered(&[(8, 3)]));
+        assert_eq!(here.read(), remembered(&[(8, 3)]));
     }
 }

@@ -9,7 +9,7 @@ use descriptor::Descriptor;
 use results::Counts;
 
 use super::source::{self, Source, Wrong};
-use super::{Remembered, RememberedCounts};
+use super::{CachedCounts, CountsByDescriptor};
 
 /// First bytes of a payload; the number grows with every change of its form.
 const MAGIC: &[u8; 8] = b"counts 3";
@@ -24,15 +24,15 @@ pub(super) fn is_older(payload: &[u8]) -> bool {
 
 /// Leaves at most [`MAX_RECORDS`], those with most objects recognised: searches come back to good descriptors. What
 /// is left does not depend on the order in which runs ended.
-pub(super) fn truncate(known: &mut Remembered) {
+pub(super) fn truncate(known: &mut CountsByDescriptor) {
     keep_best(known, MAX_RECORDS);
 }
 
-fn keep_best(known: &mut Remembered, most: usize) {
+fn keep_best(known: &mut CountsByDescriptor, most: usize) {
     if known.len() <= most {
         return;
     }
-    let mut order: Vec<(Descriptor, RememberedCounts)> = std::mem::take(known).into_iter().collect();
+    let mut order: Vec<(Descriptor, CachedCounts)> = std::mem::take(known).into_iter().collect();
     // Stable: among equals the first descriptors stay.
     order.sort_by_key(|(_, remembered)| std::cmp::Reverse(remembered.counts.object_correct));
     order.truncate(most);
@@ -40,7 +40,7 @@ fn keep_best(known: &mut Remembered, most: usize) {
 }
 
 /// A payload for the store; every record has this number of queries. A descriptor of more than 255 bytes is left out.
-pub(super) fn encode(known: &Remembered, queries: u32) -> Vec<u8> {
+pub(super) fn encode(known: &CountsByDescriptor, queries: u32) -> Vec<u8> {
     let mut sources: BTreeMap<&Source, u32> =
         known.values().map(|remembered| (&*remembered.source, 0)).collect();
     (0..).zip(sources.values_mut()).for_each(|(number, place)| *place = number);
@@ -48,7 +48,7 @@ pub(super) fn encode(known: &Remembered, queries: u32) -> Vec<u8> {
     payload.extend_from_slice(&queries.to_le_bytes());
     payload.extend_from_slice(&(sources.len() as u32).to_le_bytes());
     sources.keys().for_each(|one| source::append(one, &mut payload));
-    for (descriptor, RememberedCounts { counts, source }) in known {
+    for (descriptor, CachedCounts { counts, source }) in known {
         let bytes = descriptor.to_bytes();
         let Ok(length) = u8::try_from(bytes.len()) else { continue };
         payload.push(length);
@@ -60,7 +60,7 @@ pub(super) fn encode(known: &Remembered, queries: u32) -> Vec<u8> {
 }
 
 /// The inverse of [`encode`]; says what a payload is that it cannot have written for these queries.
-pub(super) fn decode(payload: &[u8], queries: u32) -> Result<Remembered, String> {
+pub(super) fn decode(payload: &[u8], queries: u32) -> Result<CountsByDescriptor, String> {
     let (of, known) = decode_any(payload)?;
     if of != queries {
         return Err(format!("counts of {of} queries instead of {queries}"));
@@ -79,7 +79,7 @@ pub(super) fn without(payload: &[u8], wrong: &Wrong) -> (Option<Vec<u8>>, usize)
 }
 
 /// What a payload holds, with the number of queries.
-fn decode_any(payload: &[u8]) -> Result<(u32, Remembered), String> {
+fn decode_any(payload: &[u8]) -> Result<(u32, CountsByDescriptor), String> {
     let rest = payload.strip_prefix(MAGIC).ok_or("another form")?;
     let (queries, rest) = split_number(rest).ok_or("no header")?;
     let (count, mut rest) = split_number(rest).ok_or("no header")?;
@@ -92,7 +92,7 @@ fn decode_any(payload: &[u8]) -> Result<(u32, Remembered), String> {
     if !sources.is_sorted_by(|one, next| one < next) {
         return Err("sources out of order".to_owned());
     }
-    let mut known = Remembered::new();
+    let mut known = CountsByDescriptor::new();
     while !rest.is_empty() {
         let (descriptor, remembered, after) =
             decode_record(rest, queries, &sources).ok_or("an impossible record")?;
@@ -113,7 +113,7 @@ fn decode_record<'a>(
     bytes: &'a [u8],
     queries: u32,
     sources: &[Arc<Source>],
-) -> Option<(Descriptor, RememberedCounts, &'a [u8])> {
+) -> Option<(Descriptor, CachedCounts, &'a [u8])> {
     let (length, rest) = bytes.split_first()?;
     let (descriptor, rest) = rest.split_at_checked(usize::from(*length))?;
     let (object_correct, rest) = split_number(rest)?;
@@ -123,7 +123,7 @@ fn decode_record<'a>(
     let source = Arc::clone(sources.get(source as usize)?);
     // The same object is of the same category.
     let countable = object_correct <= category_correct && category_correct <= queries;
-    let remembered = RememberedCounts { counts, source };
+    let remembered = CachedCounts { counts, source };
     countable.then_some((Descriptor::from_bytes(descriptor).ok()?, remembered, rest))
 }
 
@@ -157,12 +157,12 @@ mod tests {
         source(1, &[Principal::Coordinator], Basis::Own)
     }
 
-    fn remembered(counts: Counts) -> RememberedCounts {
-        RememberedCounts { counts, source: Arc::new(own()) }
+    fn remembered(counts: Counts) -> CachedCounts {
+        CachedCounts { counts, source: Arc::new(own()) }
     }
 
     /// A descriptor of any family, and counts.
-    fn record() -> impl Strategy<Value = (Descriptor, RememberedCounts)> {
+    fn record() -> impl Strategy<Value = (Descriptor, CachedCounts)> {
         let counts = (0..=QUERIES).prop_flat_map(|category| (0..=category, Just(category)));
         let colour = any::<bool>();
         let family = prop::sample::select(Family::ALL.to_vec());
@@ -185,11 +185,11 @@ mod tests {
             };
             let (object_correct, category_correct) = counts;
             let counts = Counts { object_correct, category_correct, queries: QUERIES };
-            (descriptor, RememberedCounts { counts, source: Arc::new(one) })
+            (descriptor, CachedCounts { counts, source: Arc::new(one) })
         })
     }
 
-    fn some() -> Remembered {
+    fn some() -> CountsByDescriptor {
         [(8, 3), (9, 7), (10, 5), (11, 7)]
             .map(|(shape_bins, object_correct)| {
                 let counts = Counts { object_correct, category_correct: 20, queries: QUERIES };
@@ -202,7 +202,7 @@ mod tests {
     proptest! {
         #[test]
         fn counts_are_read_as_they_were_written(known in prop::collection::vec(record(), 0..9)) {
-            let known: Remembered = known.into_iter().collect();
+            let known: CountsByDescriptor = known.into_iter().collect();
             prop_assert_eq!(decode(&encode(&known, QUERIES), QUERIES), Ok(known));
         }
 
@@ -212,7 +212,7 @@ mod tests {
             byte in 1_u8..4,
             run in 0_u8..4,
         ) {
-            let known: Remembered = known.into_iter().collect();
+            let known: CountsByDescriptor = known.into_iter().collect();
             let wrong = Wrong {
                 principals: [principal(byte)].into(),
                 runs: [proto::SessionId([run; 16])].into(),
@@ -266,8 +266,9 @@ mod tests {
     #[test]
     fn what_is_too_much_loses_the_worst() {
         let mut known = some();
-        let objects =
-            |known: &Remembered| known.values().map(|one| one.counts.object_correct).collect::<Vec<_>>();
+        let objects = |known: &CountsByDescriptor| {
+            known.values().map(|one| one.counts.object_correct).collect::<Vec<_>>()
+        };
         keep_best(&mut known, 3);
         assert_eq!(objects(&known), [7, 5, 7]);
         keep_best(&mut known, 1);

@@ -5,7 +5,7 @@ use cluster::scheduler::Basis;
 use descriptor::Descriptor;
 use results::Counts;
 
-use crate::result_cache::{Known, Source, Wrong};
+use crate::result_cache::{SearchCounts, Source, Wrong};
 use crate::run::RunError;
 use crate::run::matching::Matching;
 use crate::tasks;
@@ -36,7 +36,7 @@ pub fn remembered_wrongly(
 ///
 /// # Errors
 /// [`RunError::WronglyRemembered`].
-pub fn check_used(cluster: &Cluster, known: &Known) -> Result<(), RunError> {
+pub fn check_used(cluster: &Cluster, known: &SearchCounts) -> Result<(), RunError> {
     let wrong = Wrong::principals(cluster.quarantined());
     if !known.rests_on(&wrong) {
         return Ok(());

@@ -19,7 +19,7 @@ use crate::experiment::Experiment;
 use crate::fitness::{Fitness, Measured};
 use crate::observers::tables;
 use crate::reopen::winner_of;
-use crate::result_cache::Known;
+use crate::result_cache::SearchCounts;
 use crate::run::bounds::bounds;
 use crate::run::contradiction::{check_used, contradicted, remembered_wrongly};
 use crate::run::matching::Matching;
@@ -48,7 +48,7 @@ pub struct RunDriver<'a> {
     /// By whom.
     pub session: &'a Session<'a>,
     /// Counts that earlier runs have left.
-    pub remembered: &'a Known,
+    pub remembered: &'a SearchCounts,
     /// Who asks.
     pub client: Client,
     /// Where the results go.
@@ -232,7 +232,7 @@ async fn search_once(
     search: evolution::Search,
     dataset: &Dataset,
     session: &Session<'_>,
-    remembered: &Known,
+    remembered: &SearchCounts,
     folder: &mut RunFolder,
 ) -> Result<Outcome, RunError> {
     let found = search_loop.run(search, folder).await?;
@@ -391,7 +391,7 @@ impl Finals {
         (candidates, is_weighted): (Vec<Candidate>, bool),
         session: &Session<'_>,
         found: &SearchResult,
-        remembered: &Known,
+        remembered: &SearchCounts,
         (client, progress): (&mut Client, &mut Progress),
     ) -> Result<Self, RunError> {
         let Session { cluster, splits, .. } = session;

@@ -8,7 +8,7 @@ use evolution::{Individual, Score, Search};
 use tokio::task::JoinSet;
 
 use crate::experiment::Experiment;
-use crate::result_cache::KnownCounts;
+use crate::result_cache::MatchingCounts;
 use crate::run::fitness_batch::FitnessBatch;
 use crate::run::matching::Matching;
 use crate::run::scales::Scales;
@@ -105,7 +105,7 @@ impl<'a> EarlyEvaluations<'a> {
     }
 
     /// Has what these individuals stand for evaluated, as far as it is not known.
-    pub fn evaluate(&mut self, individuals: &[Individual], known: &KnownCounts, scales: &Scales) {
+    pub fn evaluate(&mut self, individuals: &[Individual], known: &MatchingCounts, scales: &Scales) {
         let Self { experiment, session, owner, clients } = self;
         let descriptors = individuals.iter().map(|individual| decode(experiment.space(), individual));
         // What cannot be looked up is told where the search itself asks.

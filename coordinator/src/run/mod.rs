@@ -43,7 +43,7 @@ use crate::exhaust::grid::Grid;
 use crate::experiment::Experiment;
 use crate::metrics::MetricsSource;
 use crate::reopen::winner_of;
-use crate::result_cache::Known;
+use crate::result_cache::SearchCounts;
 use crate::session::listen;
 use crate::slurm::SlurmWorkers;
 use crate::storage;
@@ -130,15 +130,18 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     let client = recorded.session.cluster.client();
     let mut attached = recorded.start(listener, experiment, &mut progress).await?;
     let RecordedSession { session, start, .. } = &recorded;
-    let memory = |matching| session.splits.memory(&store, experiment.preprocess(), matching);
-    let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);
+    let cache = |matching| session.splits.count_cache(&store, experiment.preprocess(), matching);
+    let [train_cache, validation_cache] = [Matching::Train, Matching::Validation].map(cache);
     let remembers = experiment.remembers_counts(&dataset);
-    let known = if remembers { Known::recall(&train_memory, &validation_memory) } else { Known::default() };
+    let remembered = match remembers {
+        true => SearchCounts::read(&train_cache, &validation_cache),
+        false => SearchCounts::default(),
+    };
     let (clients, deadline) = (vec![(None, client.id())], experiment.coordinator().deadline);
     let (console, tell) = (progress.console().clone(), progress.teller());
     let (dataset, start) = (&dataset, *start);
     let mut run =
-        RunDriver { experiment, dataset, session, remembered: &known, client, folder, progress, start };
+        RunDriver { experiment, dataset, session, remembered: &remembered, client, folder, progress, start };
     let search = run.search();
     let searched = recorded.perform(&mut attached, clients, (deadline, &console, tell), search).await;
     if searched.is_err() {
@@ -150,7 +153,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     let summary = run.finish(&outcome).await?;
     remove_journal(&out);
     attribution.note(session, &out, &outcome.found.counts);
-    attribution.leave(session, &outcome.found.counts, [&train_memory, &validation_memory]);
+    attribution.leave(session, &outcome.found.counts, [&train_cache, &validation_cache]);
     recorded.end(attached, dataset).await;
     Ok(summary)
 }

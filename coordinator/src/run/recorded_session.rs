@@ -19,7 +19,7 @@ use crate::dataset::Dataset;
 use crate::experiment::Experiment;
 use crate::metrics::{MetricsSource, SessionGuard};
 use crate::observers::event_file::EventFile;
-use crate::result_cache::{Known, Memory};
+use crate::result_cache::{CountCache, SearchCounts};
 use crate::run::progress::Progress;
 use crate::run::{RunError, RunOptions, Start, open_journal};
 use crate::session::{Session, scale};
@@ -186,13 +186,18 @@ impl<'a> RecordedSession<'a> {
 
 impl Attribution {
     /// Notes of the finished run in a folder on whose word it rests.
-    pub fn note(&self, session: &Session<'_>, run: &Path, counts: &Known) {
+    pub fn note(&self, session: &Session<'_>, run: &Path, counts: &SearchCounts) {
         session.register(run, counts, &self.answerers);
     }
 
     /// Leaves counts to later runs, of training and validation, as far as these may go on with them. Not before the run is
     /// finished: what a failed one computed is in doubt.
-    pub fn leave(&self, session: &Session<'_>, counts: &Known, [train, validation]: [&Memory<'_>; 2]) {
+    pub fn leave(
+        &self,
+        session: &Session<'_>,
+        counts: &SearchCounts,
+        [train, validation]: [&CountCache<'_>; 2],
+    ) {
         if let Some(descriptors) = &self.descriptors {
             counts.keep(train, validation, (session.cluster.session, descriptors));
         }

@@ -11,7 +11,7 @@ use results::RunFolder;
 
 use crate::experiment::Experiment;
 use crate::fitness::Measured;
-use crate::result_cache::{Known, KnownCounts, Wrong};
+use crate::result_cache::{MatchingCounts, SearchCounts, Wrong};
 use crate::run::RunError;
 use crate::run::contradiction::{check_used, remembered_wrongly};
 use crate::run::fitness_batch::{Answer, FitnessBatch};
@@ -49,7 +49,7 @@ pub struct SearchResult {
     /// Individuals whose descriptor had been evaluated before.
     pub remembered: u64,
     /// All counts that the search has used.
-    pub counts: Known,
+    pub counts: SearchCounts,
     /// The scales that it has used.
     pub scales: Scales,
     /// The front of a search of several objectives; of others empty.
@@ -63,7 +63,7 @@ pub struct SearchLoop<'a> {
     client: &'a mut Client,
     progress: &'a mut Progress,
     /// Counts of earlier runs and of this one: no descriptor is evaluated twice.
-    counts: Known,
+    counts: SearchCounts,
     scales: Scales,
     met: Met,
     /// Descriptors whose counts another principal has confirmed or is asked to.
@@ -85,7 +85,7 @@ impl<'a> SearchLoop<'a> {
         session: &'a Session<'a>,
         client: &'a mut Client,
         progress: &'a mut Progress,
-        remembered: &Known,
+        remembered: &SearchCounts,
         folder: &Path,
     ) -> Self {
         let mut cached = remembered.begin(Some(folder));
@@ -446,7 +446,7 @@ impl<'a> SearchLoop<'a> {
     }
 
     /// What is known on the training or the validation clouds. Test clouds are no part of a search.
-    fn known(&mut self, matching: Matching) -> &mut KnownCounts {
+    fn known(&mut self, matching: Matching) -> &mut MatchingCounts {
         match matching {
             Matching::Train => &mut self.counts.train,
             Matching::Validation | Matching::Test => &mut self.counts.validation,

@@ -10,7 +10,7 @@ use proto::task::{Evaluation, GridCell, MatchingRule, Preparation, Scale, Subjec
 
 use crate::dataset::{CloudEntry, Dataset, SPLITS, cloud_bytes};
 use crate::fitness::{Fitness, Part};
-use crate::result_cache::Memory;
+use crate::result_cache::CountCache;
 use crate::run::matching::{Matching, TEST, TRAIN1, TRAIN2};
 use crate::run::scaled::{ChannelScale, Scaled};
 use crate::tasks;
@@ -89,11 +89,16 @@ impl<'a> SplitBlobs<'a> {
     }
 
     /// Where counts of a matching are remembered, of clouds that are of one set.
-    pub fn memory<'s>(&self, store: &'s Store, preprocess: &Preprocess, matching: Matching) -> Memory<'s> {
+    pub fn count_cache<'s>(
+        &self,
+        store: &'s Store,
+        preprocess: &Preprocess,
+        matching: Matching,
+    ) -> CountCache<'s> {
         let (query, database) = matching.splits();
         let [queries, _] = self.sizes(ONLY_SET, query, database);
         let digests = [&query[..], database].map(|splits| self.digests(ONLY_SET, splits));
-        Memory::new(store, preprocess, digests.each_ref().map(Vec::as_slice), queries)
+        CountCache::new(store, preprocess, digests.each_ref().map(Vec::as_slice), queries)
     }
 
     /// The manifests of a set's splits.

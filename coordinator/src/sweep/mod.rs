@@ -17,7 +17,7 @@ use results::RunFolder;
 use crate::console::say;
 use crate::dataset::{Dataset, Wanted};
 use crate::experiment::{Member, Overrides, Plan, Sweep};
-use crate::result_cache::{Known, Wrong};
+use crate::result_cache::{SearchCounts, Wrong};
 use crate::run::directory::{chosen, claim, refuse_another};
 use crate::run::progress::Progress;
 use crate::run::recorded_session::{RecordedSession, Setup};
@@ -90,9 +90,9 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     let named_clients = folders.iter().zip(&clients).map(named).collect();
     let mut attached = recorded.start(listener, base, &mut progress).await?;
     let RecordedSession { session, start, .. } = &recorded;
-    let memory = |matching| session.splits.memory(&store, base.preprocess(), matching);
-    let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);
-    let (known, none) = (Known::recall(&train_memory, &validation_memory), Known::default());
+    let cache = |matching| session.splits.count_cache(&store, base.preprocess(), matching);
+    let [train_cache, validation_cache] = [Matching::Train, Matching::Validation].map(cache);
+    let (known, none) = (SearchCounts::read(&train_cache, &validation_cache), SearchCounts::default());
     let tally = Arc::new(Tally::new(members.len(), summaries.len()));
     let (dataset, start) = (&dataset, *start);
     let driver = |((place, folder), client): ((usize, RunFolder), _)| {
@@ -121,7 +121,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
         attribution.note(session, &summary.out, &found);
         summaries.push((place, summary));
         if remembers(&members[place]) {
-            attribution.leave(session, &found, [&train_memory, &validation_memory]);
+            attribution.leave(session, &found, [&train_cache, &validation_cache]);
         }
     }
     recorded.end(attached, dataset).await;
@@ -160,7 +160,7 @@ fn open_folders(
 }
 
 /// A run that is finished: its place among the members, and what its search has seen.
-type Done = (usize, Summary, Known);
+type Done = (usize, Summary, SearchCounts);
 
 /// Runs all of them side by side, and those again that were told answers that turned out to be wrong after they had
 /// finished.

@@ -22,7 +22,7 @@ use crate::console::say;
 use crate::experiment::{LocalWorkers, Overrides};
 use crate::fitness::Measured;
 use crate::reopen::{ReopenError, Reopened, reopen};
-use crate::result_cache::{Remembered, Wrong, finished_runs, forget};
+use crate::result_cache::{CountsByDescriptor, Wrong, finished_runs, forget};
 use crate::run::{Matching, RunError, clouds, counts_text, data_digest, nothing_recognised};
 use crate::session::Session;
 use crate::signing::PublicKey;
@@ -228,9 +228,9 @@ pub async fn verify(
         }
     }
     if !wrong_rows.is_empty() {
-        let memory = session.splits.memory(&session.store, experiment.preprocess(), Matching::Train);
+        let cache = session.splits.count_cache(&session.store, experiment.preprocess(), Matching::Train);
         let remembered =
-            if experiment.remembers_counts(&dataset) { memory.recall() } else { Remembered::new() };
+            if experiment.remembers_counts(&dataset) { cache.read() } else { CountsByDescriptor::new() };
         let wrong = wrong_sources(run, &wrong_rows, &remembered, &session.store)?;
         let mut forgotten = forget(&session.store, &wrong);
         let this = std::path::absolute(run).unwrap_or_else(|_| run.to_owned());
@@ -247,7 +247,7 @@ pub async fn verify(
 fn wrong_sources(
     run: &Path,
     rows: &[(&EvaluationRow, &Descriptor)],
-    remembered: &Remembered,
+    remembered: &CountsByDescriptor,
     store: &Store,
 ) -> Result<Wrong, results::Error> {
     let mut wrong =
