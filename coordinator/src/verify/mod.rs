@@ -3,6 +3,7 @@
 //! errors by set against the answers, and of a winner that was weighed its weights against the training clouds.
 
 mod front;
+mod recomputed;
 mod sets;
 mod weights;
 
@@ -12,20 +13,18 @@ use std::sync::Arc;
 
 use cache::Storage;
 use cache::Store;
-use descriptor::{Descriptor, random};
-use proto::Principal;
+use descriptor::random;
 use rand::RngExt as _;
-use results::{Counts, EvaluationRow, WorkerRow};
+use results::{Counts, EvaluationRow};
 
-use crate::console::Console;
 use crate::console::say;
 use crate::experiment::{LocalWorkers, Overrides};
-use crate::fitness::Measured;
 use crate::reopen::{ReopenError, Reopened, reopen};
-use crate::result_cache::{CountsByDescriptor, Wrong, finished_runs, forget};
-use crate::run::{Matching, RunError, clouds, counts_text, data_digest, nothing_recognised};
+use crate::result_cache::{CountsByDescriptor, forget};
+use crate::run::{Matching, RunError, clouds, counts_text, data_digest};
 use crate::session::Session;
 use crate::signing::PublicKey;
+use recomputed::{recompute, wrong_sources};
 
 /// Why a run cannot be verified.
 #[derive(Debug, thiserror::Error)]
@@ -171,61 +170,20 @@ pub async fn verify(
     say(format_args!("recomputing {} fitness values", descriptors.len()));
     let mut session = Session::new(&experiment, &dataset, store, storage.memory).map_err(RunError::from)?;
     session.start(None, LocalWorkers::Auto).await;
-    let affordable: Vec<&Descriptor> =
-        descriptors.iter().filter(|descriptor| experiment.affords(descriptor)).collect();
-    let weights = experiment.set_weights(&dataset);
-    let fitness = (experiment.fitness(), &weights[..]);
-    let recomputed = async {
-        let (client, splits) = (&mut session.cluster.client(), &session.splits);
-        let measured = session.measure(client, splits, fitness, &affordable).await?;
-        let Some(weighted) = &weighted else { return Ok((measured, None)) };
-        let splits = &splits.beside(weighted, (experiment.preprocess(), space));
-        let of_weighted = session.measure(client, splits, fitness, &[weighted]).await?;
-        Ok((measured, of_weighted.first().map(|answer| answer.measured.counts)))
-    };
-    let (measured, of_weighted) = session.perform(&Console::default(), None, recomputed).await?;
-    if of_weighted != finished.row.weighted_train {
+    let again = recompute(&session, (&experiment, &dataset), &descriptors, weighted.as_ref()).await?;
+    if again.weighted != finished.row.weighted_train {
         let text = |counts: Option<Counts>| counts.as_ref().map_or_else(|| "none".to_owned(), counts_text);
-        let (expected, got) = (text(of_weighted), text(finished.row.weighted_train));
+        let (expected, got) = (text(again.weighted), text(finished.row.weighted_train));
         verdict.problems.push(format!("run: weighted_train: expected {expected}, got {got}"));
     }
-    verdict.recomputed = measured.len();
-    let nothing = nothing_recognised(&experiment, &dataset, Matching::Train);
-    let mut measured = measured.into_iter();
+    verdict.recomputed = again.evaluated;
     let mut wrong_rows = Vec::new();
-    for (row, descriptor) in chosen.iter().zip(&descriptors) {
-        let recomputed = if experiment.affords(descriptor) {
-            measured.next().map(|answer| (answer.measured, answer.set_errors))
-        } else {
-            Some((nothing, None))
-        };
-        let Some((Measured { counts, margin }, set_errors)) = recomputed else { continue };
-        // Runs of earlier builds have none.
-        let other_by_set = row.set_errors.is_some() && row.set_errors != set_errors;
-        if row.margin.map(f64::to_bits) != margin.map(f64::to_bits) || row.counts != counts || other_by_set {
+    for ((row, descriptor), individual) in chosen.iter().zip(&descriptors).zip(&again.individuals) {
+        let problems = individual.problems(row);
+        if !problems.is_empty() {
             wrong_rows.push((row, descriptor));
         }
-        if other_by_set {
-            verdict.problems.push(format!(
-                "evaluations, generation {}, individual {}: expected errors by set {set_errors:?}, got {:?}",
-                row.generation, row.individual, row.set_errors
-            ));
-        }
-        if row.margin.map(f64::to_bits) != margin.map(f64::to_bits) {
-            verdict.problems.push(format!(
-                "evaluations, generation {}, individual {}: expected margin {margin:?}, got {:?}",
-                row.generation, row.individual, row.margin
-            ));
-        }
-        if row.counts != counts {
-            verdict.problems.push(format!(
-                "evaluations, generation {}, individual {}: expected {}, got {}",
-                row.generation,
-                row.individual,
-                counts_text(&counts),
-                counts_text(&row.counts)
-            ));
-        }
+        verdict.problems.extend(problems);
     }
     if !wrong_rows.is_empty() {
         let cache = session.splits.count_cache(&session.store, experiment.preprocess(), Matching::Train);
@@ -240,37 +198,6 @@ pub async fn verify(
         }
     }
     Ok(verdict)
-}
-
-/// Who is to blame for these rows of a run: the principals of the workers that have computed them, those from which an
-/// earlier run had what they rest on, and the run itself, for what it has left to later ones.
-fn wrong_sources(
-    run: &Path,
-    rows: &[(&EvaluationRow, &Descriptor)],
-    remembered: &CountsByDescriptor,
-    store: &Store,
-) -> Result<Wrong, results::Error> {
-    let mut wrong =
-        Wrong { runs: finished_runs::session_of(store, run).into_iter().collect(), ..Wrong::default() };
-    let workers = results::read_workers(run)?;
-    for (row, descriptor) in rows {
-        match &row.computed {
-            Some(computed) => {
-                let is_its = |worker: &&WorkerRow| worker.worker == computed.worker;
-                let of_one = workers.iter().any(|worker| is_its(&worker));
-                // Of pieces, it may have been any of them.
-                let theirs = workers.iter().filter(|worker| !of_one || is_its(worker));
-                let principals =
-                    theirs.filter_map(|worker| worker.principal.as_ref()?.parse::<Principal>().ok());
-                wrong.principals.extend(principals);
-            }
-            None => {
-                let sources = remembered.get(descriptor).map(|one| one.source.suspects());
-                wrong.principals.extend(sources.into_iter().flatten());
-            }
-        }
-    }
-    Ok(wrong)
 }
 
 /// A sample without repetition; which one depends on the run alone, so that two people see the same.
