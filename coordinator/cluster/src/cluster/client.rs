@@ -366,8 +366,14 @@ impl Client {
     }
 
     /// Has nothing more to submit, as far as it knows: polls that wait for every client's first task need not wait for this.
+    /// What is still in doubt of its results is not held back either, though it was paused.
     pub fn rest(&mut self) {
         self.arrive();
+        let mut state = self.cluster.state();
+        if state.scheduler.resume(self.id) {
+            state.hold_checks();
+            state.wake(Instant::now());
+        }
     }
 
     /// Whether results that were delivered to it have turned out to be wrong since it last asked; then it begins again.

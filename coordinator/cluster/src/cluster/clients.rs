@@ -197,8 +197,12 @@ impl Clients {
     /// Whether an attempt at this job concerns this client: it submitted the job, or the job checks a result for all. Jobs
     /// of an earlier start that nobody has submitted again concern a client that is alone.
     pub(super) fn concerns(&self, id: ClientId, job: JobId, jobs: &JobStore) -> bool {
-        let is_its_own = || self.accounts.get(&id).is_some_and(|account| account.has_asked(job));
-        jobs.is_check(job) || is_its_own() || !self.shared && !jobs.was_asked(job)
+        jobs.is_check(job) || self.has_asked(id, job) || !self.shared && !jobs.was_asked(job)
+    }
+
+    /// Whether a client has asked for a job, or it was asked for in its stead.
+    pub(super) fn has_asked(&self, id: ClientId, job: JobId) -> bool {
+        self.accounts.get(&id).is_some_and(|account| account.has_asked(job))
     }
 
     /// Who has asked for a job or will ask for it, the first of several.

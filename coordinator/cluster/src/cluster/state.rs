@@ -252,7 +252,8 @@ impl ClusterState {
 
     /// Whether accepted results are being checked that this client cannot do without. Looks at all open jobs.
     pub(super) fn is_in_doubt(&self, client: ClientId) -> bool {
-        self.scheduler.jobs.is_checking() || self.scheduler.in_doubt(client)
+        self.scheduler.jobs.is_checking()
+            || self.scheduler.in_doubt(|job| self.clients.has_asked(client, job))
     }
 
     /// A client will submit nothing more.

@@ -95,8 +95,8 @@ pub enum EventKind {
         /// Label of the job's task.
         task: String,
     },
-    /// An evaluation that was to be audited was accepted from the only principal that can answer it. Emitted once; audits are made
-    /// up for when another joins.
+    /// An evaluation that was to be audited was accepted from the only principal that can answer it. Emitted once; audits
+    /// are made up for when another joins.
     Unaudited,
     /// Workers have been idle for a while.
     Starving {

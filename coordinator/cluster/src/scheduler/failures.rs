@@ -24,17 +24,17 @@ impl Scheduler {
         let malformed = failure.reason == FailureReason::InvalidJob;
         let failure = WorkerFailure { worker: label, failure };
         job.failures.push(FailedAttempt { worker: id, principal, failure });
-        if job.times_failed(Principal::Coordinator) >= max_failures {
-            job.do_without_own();
-        }
-        if !job.votes.is_empty() && job.times_failed(principal) >= max_failures {
-            return self.settle(job_id, now); // it may have been the last that could give another answer
-        }
+        let has_answer = !job.votes.is_empty();
         if malformed || job.failures.len() >= max_failures {
             self.failing.insert(job_id);
             self.fail_hopeless();
         }
-        self.refile(job_id);
+        self.do_without_own(job_id);
+        if has_answer {
+            self.settle(job_id, now); // it may have been the last that could give another
+        } else {
+            self.refile(job_id);
+        }
     }
 
     /// Counts a failure against a worker, which may exclude it for a while.
@@ -132,15 +132,47 @@ impl Scheduler {
             || !is_untried && (!malformed.is_empty() || job.failures.len() >= most)
     }
 
-    /// A worker went with the job in hand: no fault of the job's, until it has happened too often.
-    pub(super) fn count_loss(&mut self, job_id: JobId, loss: WorkerFailure) {
+    /// A worker went with the job in hand: no fault of the job's, until it has happened too often. Where there is an answer
+    /// already, it is nobody's but that of the principals whose workers go.
+    pub(super) fn count_loss(&mut self, job_id: JobId, lost: FailedAttempt) {
         let Some(job) = self.jobs.get_mut(job_id).filter(|job| job.needs() > 0) else { return };
-        job.losses.push(loss);
-        let is_over = job.losses.len() >= self.limits.max_losses as usize && !job.is_given_up();
-        if is_over && self.failed.is_none() {
-            let (task, failures) = (Arc::clone(&job.task), job.losses.clone());
-            self.failed = Some(JobFailed { task, failures });
+        job.losses.push(lost);
+        let is_much = job.losses.len() >= self.limits.max_losses as usize;
+        if is_much && !job.votes.is_empty() {
+            self.failing.insert(job_id);
+        } else if is_much && !job.is_given_up() && self.failed.is_none() {
+            let failures = job.losses.iter().map(|lost| lost.failure.clone()).collect();
+            self.failed = Some(JobFailed { task: Arc::clone(&job.task), failures });
         }
         self.refile(job_id);
     }
+
+    /// Whether an answer of a principal would be one more. Where there is one already, a principal is asked no more whose
+    /// workers have failed, or gone with it in hand, as often as a job may, or as there are workers of it if these are more:
+    /// a job of which nobody can give a second answer would be tried without end.
+    pub(super) fn may_answer(&self, principal: Principal, job: &Job) -> bool {
+        let workers = self.present.get(&principal).copied().unwrap_or_default();
+        let is_tried = |attempts: &[FailedAttempt], most: u32| {
+            times_failed(attempts, principal) >= workers.max(most as usize)
+        };
+        let is_tried = || {
+            is_tried(&job.failures, self.limits.max_failures) || is_tried(&job.losses, self.limits.max_losses)
+        };
+        !job.answered_by(principal) && (job.votes.is_empty() || !is_tried())
+    }
+
+    /// Has a second principal answer a job instead of the coordinator's own process, if that has shown that it cannot.
+    pub(super) fn do_without_own(&mut self, job_id: JobId) {
+        let most = self.limits.max_failures as usize;
+        if let Some(job) = self.jobs.get_mut(job_id)
+            && times_failed(&job.failures, Principal::Coordinator) >= most
+        {
+            job.do_without_own();
+        }
+    }
+}
+
+/// How often workers of a principal have failed.
+fn times_failed(attempts: &[FailedAttempt], principal: Principal) -> usize {
+    attempts.iter().filter(|failed| failed.principal == principal).count()
 }

@@ -326,7 +326,7 @@ impl Scheduler {
 
     /// Whether a worker that was out of reach may go on with an attempt that was given up.
     fn may_go_on(&self, job: &Job, id: WorkerId, principal: Principal) -> bool {
-        self.wanted(job) > job.leases.len() && !job.answered_by(principal) && !job.failed_on(id)
+        self.wanted(job) > job.leases.len() && self.may_answer(principal, job) && !job.failed_on(id)
     }
 }
 
@@ -352,6 +352,12 @@ impl Scheduler {
             }
             let waits = self.queue.waited_for().chain(self.queue.foreseen()).any(|waiting| waiting == id);
             assert_eq!(waits, self.waits(job), "job {id} waits");
+            let mut here = self.workers.iter().filter(|(_, worker)| worker.is_available());
+            let is_needed = |(_, worker): &(&WorkerId, &Worker)| {
+                let may_decide = !job.awaits_own() || worker.principal == Principal::Coordinator;
+                may_decide && self.may_answer(worker.principal, job)
+            };
+            assert!(!waits || here.any(|worker| is_needed(&worker)), "nobody can answer job {id}");
             assert!(!job.delivered || job.needs() > 0 || !job.leases.is_empty(), "job {id} is over");
         }
         assert!(self.queue.waiting() <= self.jobs.len());

@@ -10,6 +10,7 @@ use super::Scheduler;
 use super::messages::{RegisterRefusal, WorkerFailure};
 use super::worker::{Worker, WorkerIdentity};
 use crate::events::{AttemptEnd, Departure, EventKind};
+use crate::store::FailedAttempt;
 
 impl Scheduler {
     /// Registers a worker, or one that comes back, and returns its unique label. The caller knows that the id is its own; by
@@ -75,17 +76,27 @@ impl Scheduler {
         *present += 1;
         if *present == 1 {
             self.refile_all(); // it may be the one that jobs have waited for
+        } else {
+            self.refile_failing();
         }
     }
 
     /// One worker of a principal less.
     pub(super) fn leave_present(&mut self, principal: Principal) {
-        if let Some(present) = self.present.get_mut(&principal) {
-            *present -= 1;
-            if *present == 0 {
-                self.present.remove(&principal);
-                self.refile_all(); // what waits for another principal may wait in vain now
-            }
+        let Some(present) = self.present.get_mut(&principal) else { return };
+        *present -= 1;
+        if *present == 0 {
+            self.present.remove(&principal);
+            self.refile_all(); // what waits for another principal may wait in vain now
+        } else {
+            self.refile_failing();
+        }
+    }
+
+    /// How many workers of a principal are here says for how long it is asked for a second answer.
+    fn refile_failing(&mut self) {
+        for id in self.failing.iter().copied().collect::<Vec<_>>() {
+            self.refile(id);
         }
     }
 
@@ -175,7 +186,8 @@ impl Scheduler {
             self.release(job, id, AttemptEnd::Gone(why), now);
             if why == Departure::Lost {
                 let failure = Failure::new(FailureReason::Lost, why.reason());
-                self.count_loss(job, WorkerFailure { worker: label.clone(), failure });
+                let failure = WorkerFailure { worker: label.clone(), failure };
+                self.count_loss(job, FailedAttempt { worker: id, principal, failure });
             }
         }
         self.described.remove_worker(id);

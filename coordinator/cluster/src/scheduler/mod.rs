@@ -265,6 +265,7 @@ impl Scheduler {
             self.counters.audits += u64::from(job.require(quorum));
             job.clients.insert(client);
         }
+        self.do_without_own(id);
         self.settle(id, now);
     }
 
@@ -471,15 +472,12 @@ impl Scheduler {
     }
 
     /// Whether a result that was delivered is still in doubt, and a worker may remove the doubt: two workers differ,
-    /// or it is to be audited, and there is another principal than the one that gave it. What only clients have asked for
-    /// that are paused is in doubt for these alone: nobody is to wait for as long as they are.
-    pub fn in_doubt(&self, client: ClientId) -> bool {
+    /// or it is to be audited, and there is another principal than the one that gave it. What only clients wait for that are
+    /// paused counts if it `concerns` whoever asks: nobody else is to wait for as long as they are.
+    pub fn in_doubt(&self, concerns: impl Fn(JobId) -> bool) -> bool {
         let doubtful =
             |job: &Job| job.delivered && job.needs() > 0 && (job.is_disputed() || self.somebody_else(job));
-        let concerns = |job: &Job| {
-            !self.is_held(job) || job.clients.iter().any(|asking| asking.owner() == client.owner())
-        };
-        self.jobs.iter().any(|(_, job)| doubtful(job) && concerns(job))
+        self.jobs.iter().any(|(id, job)| doubtful(job) && (!self.is_held(job) || concerns(id)))
     }
 
     /// Ends all leases, because the run ends.

@@ -255,16 +255,10 @@ impl Scheduler {
 
     /// Whether there is a principal that has not answered this job and may.
     pub(super) fn somebody_else(&self, job: &Job) -> bool {
-        if job.awaits_own() {
-            return self.has_own();
+        let may_answer = |principal: &Principal| self.may_answer(*principal, job);
+        match job.awaits_own() {
+            true => self.has_own() && may_answer(&Principal::Coordinator),
+            false => self.present.keys().any(may_answer),
         }
-        self.present.keys().any(|principal| self.may_answer(*principal, job))
-    }
-
-    /// Whether an answer of a principal would be one more. Where there is one already, whoever has failed as often as a job
-    /// may is asked no more: a job of which nobody can give a second answer would be tried without end.
-    pub(super) fn may_answer(&self, principal: Principal, job: &Job) -> bool {
-        let is_tried = || job.times_failed(principal) >= self.limits.max_failures as usize;
-        !job.answered_by(principal) && (job.votes.is_empty() || !is_tried())
     }
 }

@@ -56,7 +56,6 @@ pub struct Grounds {
 }
 
 /// Some of the results, as they were when they were taken out.
-#[derive(Default)]
 pub struct Part {
     bytes: Vec<u8>,
     /// Where the records begin that count, and their grounds.

@@ -91,7 +91,8 @@ pub struct Job {
     /// The workers that have answered, whether or not that made another vote.
     voters: BTreeMap<WorkerId, Principal>,
     pub failures: Vec<FailedAttempt>,
-    pub losses: Vec<WorkerFailure>,
+    /// Workers that have gone with it in hand.
+    pub losses: Vec<FailedAttempt>,
     /// From when on a second worker may take it beside the one that has it, as it stands in the scheduler's list.
     pub hedge_from: Option<Instant>,
 }
@@ -182,11 +183,6 @@ impl Job {
 
     pub fn failed_on(&self, worker: WorkerId) -> bool {
         self.failures.iter().any(|failed| failed.worker == worker)
-    }
-
-    /// How often workers of this principal have failed.
-    pub fn times_failed(&self, principal: Principal) -> usize {
-        self.failures.iter().filter(|failed| failed.principal == principal).count()
     }
 
     /// Whether a worker of this principal has answered.

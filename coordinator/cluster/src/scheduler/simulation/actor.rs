@@ -36,6 +36,8 @@ pub struct Actor {
     pub registered: bool,
     pub quarantined: bool,
     pub dead: bool,
+    /// It asks for no jobs.
+    pub hangs: bool,
     /// Messages from and to it are lost until then.
     pub cut_until: Duration,
     pub sequence: u64,
@@ -69,6 +71,7 @@ impl Actor {
             registered: false,
             quarantined: false,
             dead: false,
+            hangs: false,
             cut_until: Duration::ZERO,
             sequence: 0,
             call: 0,
@@ -84,8 +87,8 @@ impl Actor {
     }
 
     pub fn wanted(&self) -> usize {
-        let idles = self.running.is_none_or(|(lease, _)| lease.is_some());
-        if idles { 2usize.saturating_sub(self.held().len()) } else { 0 }
+        let is_free = !self.hangs && self.running.is_none_or(|(lease, _)| lease.is_some());
+        if is_free { 2usize.saturating_sub(self.held().len()) } else { 0 }
     }
 
     pub fn has_reports(&self) -> bool {

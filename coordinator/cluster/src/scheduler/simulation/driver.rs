@@ -18,6 +18,8 @@ pub const CLIENTS: u32 = 3;
 const FORESEEN: u32 = 4;
 /// One of so many of these never is.
 const IN_VAIN: u32 = 3;
+/// Of so many results one is confirmed.
+const CONFIRMED: u32 = 5;
 
 /// The run.
 #[derive(Default)]
@@ -34,6 +36,12 @@ pub struct Driver {
     pub quarantined: BTreeSet<Principal>,
     pub disagreements: u64,
     pub excluded: u64,
+}
+
+fn task(number: u32) -> Task {
+    let split = |number: u32| vec![Digest([number as u8; 32])];
+    let sample = Evaluation::sample(number, 1000, 10);
+    Task::Evaluation(Evaluation { query: split(number % 2), database: split(2), ..sample })
 }
 
 impl Driver {
@@ -56,9 +64,7 @@ impl Driver {
         client: ClientId,
         now: Instant,
     ) -> JobId {
-        let split = |number: u32| vec![Digest([number as u8; 32])];
-        let sample = Evaluation::sample(number, 1000, 10);
-        let task = Task::Evaluation(Evaluation { query: split(number % 2), database: split(2), ..sample });
+        let task = task(number);
         let job = self.names.next(&task);
         scheduler.submit(job, Arc::new(task), client, now);
         assert_eq!(self.open.insert(job, number), None, "one id for two jobs");
@@ -97,6 +103,10 @@ impl Driver {
                 continue;
             }
             let number = self.open.remove(&finished.job).expect("an answer to no open job");
+            if number.is_multiple_of(CONFIRMED) {
+                let client = ClientId::new(number % CLIENTS);
+                scheduler.confirm(&Arc::new(task(number)), &finished, client, now);
+            }
             let TaskResult::Evaluation(result) = finished.result else { panic!("another kind of answer") };
             self.answers.insert(number, (result.object_correct, finished.principal));
         }
@@ -120,8 +130,7 @@ impl Driver {
     }
 
     pub fn is_done(&self, scheduler: &Scheduler) -> bool {
-        let mut clients = (0..CLIENTS).map(ClientId::new);
-        self.open.is_empty() && !clients.any(|client| scheduler.in_doubt(client))
+        self.open.is_empty() && !scheduler.in_doubt(|_| true)
     }
 
     /// How many results are still missing.

@@ -24,4 +24,4 @@ macro_rules! mishaps {
     };
 }
 
-mishaps! { lost doubled crashed left cut paused reconnected failed disagreed quarantined excluded stolen sybils held prioritised drained }
+mishaps! { lost doubled crashed left cut paused reconnected failed disagreed quarantined excluded stolen sybils held prioritised drained hung passive tried }

@@ -1,5 +1,5 @@
-//! Random schedules under a virtual clock: workers that come, go, fall silent, fail and lie, alone or under several ids, and
-//! speak in the name of others, messages that are lost, late, doubled and out of order, and an operator who pauses, drains and
+//! Random schedules under a virtual clock: workers that come, go, fall silent, hang, fail and lie, alone or under several ids,
+//! and speak in the name of others, messages that are lost, late, doubled and out of order, and an operator who pauses, drains and
 //! sets priorities. Each schedule follows from its seed.
 //!
 //! A seed that fails is printed; `DESCRY_SIMULATION_SEED=<seed>` replays it alone, and `DESCRY_SIMULATIONS=<count>`

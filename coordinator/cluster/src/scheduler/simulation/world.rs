@@ -13,6 +13,8 @@ use super::super::{
 use super::actor::{Actor, Nature, by_address};
 use super::driver::{CLIENTS, Driver};
 use super::mishaps::Mishaps;
+use crate::scheduler::worker::Worker;
+use crate::store::Job;
 
 const TICK: Duration = Duration::from_millis(500);
 const HOLD: Duration = Duration::from_secs(10);
@@ -49,6 +51,8 @@ enum Happening {
     /// An operator lets a client go on, or a worker.
     Resume(ClientId),
     EndDrain(WorkerId),
+    /// A worker asks for jobs again.
+    EndHang(usize),
 }
 
 /// One schedule.
@@ -83,7 +87,7 @@ impl World {
         let limits = Limits {
             lease: Duration::from_secs(30),
             job: Duration::from_secs(200),
-            max_failures: u32::MAX,
+            max_failures: [3, u32::MAX][random.random_range(0..2usize)],
             max_losses: u32::MAX,
             worker_grace: Duration::from_secs(100_000),
             max_workers: 100,
@@ -124,7 +128,8 @@ impl World {
         cast.push((Nature::Failing, by_address(20)));
         cast.extend((0..world.below(3)).map(|sick| (Nature::Sick, by_address(30 + sick as u8))));
         if world.below(3) == 0 {
-            cast.push((Nature::Honest, Principal::Coordinator));
+            let nature = if world.below(2) == 0 { Nature::Honest } else { Nature::Failing };
+            cast.push((nature, Principal::Coordinator));
         }
         for (nature, principal) in cast {
             world.soon(30_000, Happening::Join(nature, principal));
@@ -227,6 +232,7 @@ impl World {
                 self.scheduler.end_drain(id);
                 self.look();
             }
+            Happening::EndHang(actor) => self.actors[actor].hangs = false,
         }
     }
 
@@ -388,6 +394,14 @@ impl World {
     fn tick(&mut self) {
         self.scheduler.expire(self.now());
         self.look();
+        let is_passive = |worker: &Worker| worker.is_left_out() && !worker.draining;
+        self.mishaps.passive +=
+            self.scheduler.workers.values().filter(|worker| is_passive(worker)).count() as u64;
+        let is_tried = |job: &Job| {
+            let mut idle = self.scheduler.present.keys().filter(|principal| !job.answered_by(**principal));
+            idle.any(|principal| !self.scheduler.may_answer(*principal, job))
+        };
+        self.mishaps.tried += self.scheduler.jobs.iter().filter(|(_, job)| is_tried(job)).count() as u64;
         self.at(self.clock + TICK, Happening::Tick);
     }
 
@@ -415,7 +429,7 @@ impl World {
             return;
         }
         let index = self.below(self.actors.len().max(1) as u32) as usize;
-        let what = self.below(8);
+        let what = self.below(9);
         self.steal();
         match what {
             0 => {
@@ -461,6 +475,12 @@ impl World {
                     self.mishaps.drained += 1;
                     self.later(Happening::EndDrain(id));
                 }
+            }
+            8 => {
+                self.actors[index].hangs = true;
+                self.mishaps.hung += 1;
+                let end = self.clock + Duration::from_secs(self.below(400).into());
+                self.at(end.min(CALM), Happening::EndHang(index));
             }
             what => {
                 let actor = &mut self.actors[index];
