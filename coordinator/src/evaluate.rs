@@ -7,8 +7,8 @@ use std::time::Instant;
 pub use artefact::{Seconds, stages};
 use descriptor::recognise::{RecogniseError, recognise_from};
 use descriptor::{
-    Correct, DescribeError, Described, Describer, DescriberError, Descriptor, Label, Match, PrepareError,
-    Preprocess, SetDistance, Signature, Signatures, cloud_file,
+    Cloud, Correct, DescribeError, Described, Describer, DescriberError, Descriptor, Label, Match,
+    PrepareError, Preprocess, SetDistance, Signature, Signatures, cloud_file,
 };
 use proto::Message;
 use rayon::prelude::*;
@@ -220,6 +220,17 @@ impl Side {
     }
 }
 
+/// The points of a cloud, in metres.
+///
+/// # Errors
+/// If it cannot be read.
+pub fn read_cloud(path: &str, file: &Path, preprocess: &Preprocess) -> Result<Cloud, EvaluateError> {
+    let failed = |what: String| EvaluateError::Cloud { path: path.to_owned(), what };
+    let bytes = cloud_bytes(file).map_err(|reason| failed(format!("cannot be read, got {reason}")))?;
+    let cloud = cloud_file::read(&bytes).map_err(|error| failed(error.to_string()))?;
+    Ok(cloud.in_metres(preprocess.unit.metres()))
+}
+
 /// One cloud through all stages: described, or why it is skipped, and the time of each stage.
 ///
 /// # Errors
@@ -230,12 +241,9 @@ pub fn describe_file(
     preprocess: &Preprocess,
     describer: &Describer,
 ) -> Result<(Result<Described, String>, Seconds), EvaluateError> {
-    let failed = |what: String| EvaluateError::Cloud { path: path.to_owned(), what };
     let mut seconds = Seconds::default();
     let clock = Instant::now();
-    let bytes = cloud_bytes(file).map_err(|reason| failed(format!("cannot be read, got {reason}")))?;
-    let cloud = cloud_file::read(&bytes).map_err(|error| failed(error.to_string()))?;
-    let cloud = cloud.in_metres(preprocess.unit.metres());
+    let cloud = read_cloud(path, file, preprocess)?;
     seconds.read = clock.elapsed();
 
     match stages(&cloud, preprocess, describer, &mut seconds) {
@@ -244,7 +252,7 @@ pub fn describe_file(
         Err(nothing @ DescribeError::NothingDescribed { .. }) => {
             Ok((Err(Message::of(&nothing).what), seconds))
         }
-        Err(error) => Err(failed(error.to_string())),
+        Err(error) => Err(EvaluateError::Cloud { path: path.to_owned(), what: error.to_string() }),
     }
 }
 

@@ -43,12 +43,7 @@ pub fn describe(
 ) -> Result<Database, ReferenceError> {
     let describer =
         Describer::new(descriptor).map_err(|error| ReferenceError::Descriptor(error.to_string()))?;
-    let entries: Vec<&CloudEntry> = Matching::Test
-        .database_clouds(dataset)
-        .iter()
-        .take(count)
-        .map(|&index| &dataset.clouds.entries[index as usize])
-        .collect();
+    let entries: Vec<&CloudEntry> = Matching::Test.database(dataset).take(count).collect();
     let signatures: Vec<Vec<Signature>> = entries
         .par_iter()
         .map(|&entry| {
@@ -113,6 +108,5 @@ pub fn read(dataset: &Dataset, entry: &CloudEntry) -> Result<Vec<u8>, ReferenceE
 
 /// Of each cloud of the final test's database, in its order.
 pub fn sequences(dataset: &Dataset) -> Vec<Option<u32>> {
-    let sequence = |&cloud: &u32| dataset.clouds.entries[cloud as usize].sequence;
-    Matching::Test.database_clouds(dataset).iter().map(sequence).collect()
+    Matching::Test.database(dataset).map(|cloud| cloud.sequence).collect()
 }

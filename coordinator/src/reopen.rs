@@ -10,7 +10,7 @@ use results::{FinishedRun, RunRow};
 use crate::console::say;
 use crate::dataset::{Dataset, Wanted};
 use crate::experiment::{ConfigError, Experiment, Overrides};
-use crate::run::{DataError, open_data};
+use crate::run::{DataError, clouds, data_digest, open_data};
 
 /// Why a run cannot be opened again.
 #[derive(Debug, thiserror::Error)]
@@ -39,6 +39,18 @@ pub enum ReopenError {
     /// The clouds.
     #[error(transparent)]
     Data(#[from] DataError),
+    /// The clouds have changed.
+    #[error("{run}: data digest must be {expected}, got {got}\n{difference}\nbring the run's clouds back, or name their place with --data", run = .run.display())]
+    OtherData {
+        /// The run.
+        run: PathBuf,
+        /// The run's.
+        expected: String,
+        /// Of the clouds as they are.
+        got: String,
+        /// Which clouds differ.
+        difference: String,
+    },
 }
 
 /// A finished run with its experiment and clouds.
@@ -49,6 +61,21 @@ pub struct Reopened {
     pub experiment: Experiment,
     /// The clouds as they are: their digest need not be the run's.
     pub dataset: Dataset,
+}
+
+impl Reopened {
+    /// Refuses clouds that are not those of the run.
+    ///
+    /// # Errors
+    /// [`ReopenError::OtherData`]
+    pub fn refuse_other_data(&self, run: &Path) -> Result<(), ReopenError> {
+        let (expected, got) = (&self.finished.row.data_digest, data_digest(&self.dataset));
+        if *expected == got {
+            return Ok(());
+        }
+        let difference = clouds::difference(run, expected, &self.dataset);
+        Err(ReopenError::OtherData { run: run.to_owned(), expected: expected.clone(), got, difference })
+    }
 }
 
 /// What was written at the end of the run in a folder.

@@ -10,7 +10,7 @@ use descriptor::{Descriptor, Label, Preprocess, SetDistance, Signature, Signatur
 use proto::task::is_nearer;
 use rayon::prelude::*;
 
-use crate::dataset::{CloudEntry, Dataset};
+use crate::dataset::Dataset;
 use crate::reference_clouds::{ReferenceError, describe};
 use crate::run::matching::Matching;
 
@@ -30,7 +30,7 @@ pub fn teaching_sets(dataset: &Dataset, weights: &[u32]) -> Vec<(Dataset, u32)> 
 pub fn check_sets(sets: &[(Dataset, u32)]) -> Result<(), WeighError> {
     let mut checked = Err(WeighError::Sequences);
     for (dataset, _) in sets {
-        let objects = training_entries(dataset).map(|cloud| cloud.instance);
+        let objects = Matching::Validation.database(dataset).map(|cloud| cloud.instance);
         checked = check_clouds(&objects.collect::<Vec<_>>(), &training_sequences(dataset));
         if checked.is_ok() {
             break;
@@ -39,15 +39,9 @@ pub fn check_sets(sets: &[(Dataset, u32)]) -> Result<(), WeighError> {
     checked
 }
 
-/// The clouds of both training splits.
-fn training_entries(dataset: &Dataset) -> impl Iterator<Item = &CloudEntry> {
-    let clouds = Matching::Validation.database_clouds(dataset).into_iter();
-    clouds.map(|index| &dataset.clouds.entries[index as usize])
-}
-
 /// Of each cloud of both training splits.
 fn training_sequences(dataset: &Dataset) -> Vec<Option<u32>> {
-    training_entries(dataset).map(|cloud| cloud.sequence).collect()
+    Matching::Validation.database(dataset).map(|cloud| cloud.sequence).collect()
 }
 
 /// The text of the file of a structure, by which it is kept.

@@ -8,7 +8,7 @@ use results::{ComparedRow, PairRow, RunFolder, RunRow};
 use super::candidate::{Candidate, Choice, Named};
 use super::tables::Tables;
 use super::timing::seconds_of_a_cloud;
-use crate::dataset::Dataset;
+use crate::dataset::{CloudEntry, Dataset};
 use crate::experiment::Experiment;
 use crate::run::matching::Matching;
 
@@ -38,12 +38,9 @@ pub fn compare<'a>(
     (dataset, preprocess): (&Dataset, &Preprocess),
     out: &RunFolder,
 ) -> Result<(Vec<ComparedRow>, Vec<PairRow>), results::Error> {
-    let label = |&index: &u32| {
-        let cloud = &dataset.clouds.entries[index as usize];
-        Label { category: cloud.category, instance: cloud.instance }
-    };
-    let queries: Vec<Label> = Matching::Test.query_clouds(dataset).iter().map(label).collect();
-    let database: Vec<Label> = Matching::Test.database_clouds(dataset).iter().map(label).collect();
+    let label = |cloud: &CloudEntry| Label { category: cloud.category, instance: cloud.instance };
+    let queries: Vec<Label> = Matching::Test.queries(dataset).map(label).collect();
+    let database: Vec<Label> = Matching::Test.database(dataset).map(label).collect();
     let tables = Tables { run, dataset, labels: [&queries, &database], out };
     out.begin_comparison()?;
     let (mut compared, mut rows) = (Vec::new(), Vec::new());

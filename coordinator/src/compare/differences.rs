@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use descriptor::{Label, random};
 use rand::RngExt as _;
-use results::{Cluster, PairRow, bootstrap, holm, mcnemar};
+use results::{Cluster, Counts, PairRow, bootstrap, holm, mcnemar, wilson};
 
 /// A p-value below it, after Holm, is evidence of a difference.
 pub const SIGNIFICANCE: f64 = 0.05;
@@ -47,11 +47,27 @@ impl Outcomes {
     fn at(&self, level: Level, query: usize) -> Option<bool> {
         self.right[query].map(|right| right[level as usize])
     }
+
+    /// How many queries are described, and how many of them recognised.
+    pub fn counts(&self) -> Counts {
+        let correct = |level: usize| self.right.iter().flatten().filter(|right| right[level]).count() as u32;
+        let [object_correct, category_correct] = [correct(0), correct(1)];
+        Counts { object_correct, category_correct, queries: self.right.iter().flatten().count() as u32 }
+    }
+
+    /// The 95 % intervals of the error: Wilson's, and that of the bootstrap over objects, or Wilson's again where that says
+    /// nothing.
+    pub fn intervals(&self, level: Level, queries: &[Label], seed: u64) -> [[f64; 2]; 2] {
+        let counts = self.counts();
+        let correct = [counts.object_correct, counts.category_correct][level as usize];
+        let by_wilson = wilson(counts.queries - correct, counts.queries);
+        [by_wilson, error_interval(self, level, queries, seed).unwrap_or(by_wilson)]
+    }
 }
 
 /// The 95 % interval of a descriptor's error by the bootstrap over objects; `None` if it describes no query, or if none or
 /// all are wrong: then resamples are all the same, and say nothing of how sure that is.
-pub fn error_interval(outcomes: &Outcomes, level: Level, queries: &[Label], seed: u64) -> Option<[f64; 2]> {
+fn error_interval(outcomes: &Outcomes, level: Level, queries: &[Label], seed: u64) -> Option<[f64; 2]> {
     let wrong = |query| outcomes.at(level, query).map(|right| f64::from(u8::from(!right)));
     let objects = clusters(queries, wrong);
     let are_all_the_same = [0.0, 1.0]

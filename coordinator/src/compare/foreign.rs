@@ -124,9 +124,8 @@ impl ForeignDescriptor {
         let ForeignSource { name, path } = source;
         let wrong = |what| ForeignFault::Name { name: name.clone(), path: path.clone(), what };
         Given::check_name(name).and_then(|()| check_no_point(name)).map_err(wrong)?;
-        let cloud = |&index: &u32| dataset.clouds.entries[index as usize].path.as_str();
-        let queries: Vec<&str> = Matching::Test.query_clouds(dataset).iter().map(cloud).collect();
-        let database: Vec<&str> = Matching::Test.database_clouds(dataset).iter().map(cloud).collect();
+        let queries: Vec<&str> = Matching::Test.queries(dataset).map(|cloud| &*cloud.path).collect();
+        let database: Vec<&str> = Matching::Test.database(dataset).map(|cloud| &*cloud.path).collect();
         let root = dataset.clouds.root.as_path();
         let clouds = ForeignClouds {
             queries: &queries,

@@ -34,7 +34,7 @@ use crate::reopen::{Reopened, reopen, winner_of};
 use crate::result_cache::finished_runs;
 use crate::run::scaled::Scaled;
 use crate::run::splits::ONLY_SET;
-use crate::run::{Matching, RunError, choose_set, refuse_other_data, rows, sets};
+use crate::run::{Matching, RunError, choose_set, rows, sets};
 use crate::session::{Session, listen, scale};
 use crate::slurm::SlurmWorkers;
 use crate::storage;
@@ -113,10 +113,10 @@ struct NamedDescriptor {
 /// into its folder.
 pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, CompareError> {
     let store = storage::open(&options.storage);
-    let Reopened { finished: mut run, experiment, dataset } =
-        reopen(folder, options.data.as_deref(), options.overrides, &store)?;
+    let reopened = reopen(folder, options.data.as_deref(), options.overrides, &store)?;
+    reopened.refuse_other_data(folder)?;
+    let Reopened { finished: mut run, experiment, dataset } = reopened;
     let mut display = Display::new();
-    refuse_other_data(folder, &run.row.data_digest, &dataset)?;
     let (experiment, dataset) = (&experiment, &choose_set("compare", options.set.as_deref(), dataset)?);
     let place = match &options.set {
         None => folder.to_owned(),

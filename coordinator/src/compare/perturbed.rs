@@ -8,14 +8,14 @@ use descriptor::{
     Signature, Signatures,
 };
 use rayon::prelude::*;
-use results::{ComparedRow, Counts, PerturbedRow, PredictionRow, wilson};
+use results::{ComparedRow, PerturbedRow, PredictionRow};
 
 use super::described::Described;
-use super::differences::{Level, Outcomes, error_interval};
+use super::differences::{Level, Outcomes};
 use super::error::CompareError;
 use super::progress::Display;
-use crate::dataset::{Dataset, cloud_bytes};
-use crate::evaluate::EvaluateError;
+use crate::dataset::Dataset;
+use crate::evaluate::{EvaluateError, read_cloud};
 use crate::run::Matching;
 
 /// Of one descriptor all that takes part: how its clouds are described once, and what recognises them.
@@ -99,12 +99,7 @@ impl PerturbedClouds<'_> {
         let Some(sharing) = needing.or(describers.first()) else { return Ok(Vec::new()) };
         let of_cloud = |&index: &u32| -> Result<Vec<Option<Vec<Signature>>>, EvaluateError> {
             let cloud = &self.dataset.clouds.entries[index as usize];
-            let failed = |what: String| EvaluateError::Cloud { path: cloud.path.clone(), what };
-            let file = self.dataset.clouds.file(cloud);
-            let bytes =
-                cloud_bytes(&file).map_err(|reason| failed(format!("cannot be read, got {reason}")))?;
-            let points = descriptor::cloud_file::read(&bytes).map_err(|error| failed(error.to_string()))?;
-            let points = points.in_metres(self.preprocess.unit.metres());
+            let points = read_cloud(&cloud.path, &self.dataset.clouds.file(cloud), self.preprocess)?;
             let perturbed = kind.apply(strength, &points, self.seed, &cloud.digest);
             let prepared = keypoints(&perturbed, self.preprocess).and_then(|keypoints| {
                 let normals = sharing.normals(&perturbed, &keypoints, self.preprocess)?;
@@ -121,7 +116,9 @@ impl PerturbedClouds<'_> {
                         DescribeError::Prepare(PrepareError::Skip(_))
                         | DescribeError::NothingDescribed { .. },
                     ) => Ok(None),
-                    Err(error) => Err(failed(error.to_string())),
+                    Err(error) => {
+                        Err(EvaluateError::Cloud { path: cloud.path.clone(), what: error.to_string() })
+                    }
                 }
             };
             let found = describers.iter().map(of_descriptor).collect();
@@ -182,27 +179,20 @@ impl PerturbedClouds<'_> {
                 self.confirm(subject, nearest)?;
             }
         }
-        let correct = |level: usize| right.iter().flatten().filter(|right| right[level]).count() as u32;
-        let counts =
-            Counts { object_correct: correct(0), category_correct: correct(1), queries: asked.len() as u32 };
         let outcomes = Outcomes { label: format!("{label} {} {strength}", kind.name()), right };
-        let wilson = |correct: u32| wilson(counts.queries - correct, counts.queries);
-        let over_objects = |level, by_wilson| {
-            error_interval(&outcomes, level, self.labels[0], self.seed).unwrap_or(by_wilson)
-        };
-        let [object_wilson, category_wilson] =
-            [wilson(counts.object_correct), wilson(counts.category_correct)];
+        let [[object_wilson, object_bootstrap], [category_wilson, category_bootstrap]] =
+            Level::ALL.map(|level| outcomes.intervals(level, self.labels[0], self.seed));
         Ok(PerturbedRow {
             descriptor: label.clone(),
             kind: kind.name().to_owned(),
             strength,
             unit: kind.unit().to_owned(),
-            counts,
+            counts: outcomes.counts(),
             unusable: (asked.len() - usable.len()) as u32,
             object_wilson,
             category_wilson,
-            object_bootstrap: over_objects(Level::Object, object_wilson),
-            category_bootstrap: over_objects(Level::Category, category_wilson),
+            object_bootstrap,
+            category_bootstrap,
         })
     }
 

@@ -4,16 +4,17 @@ use descriptor::recognise::Hit;
 use descriptor::recogniser::{LearnedRecogniser, Method};
 use descriptor::{Descriptor, Label, Match};
 use proto::task::{self, EvaluationResult};
-use results::{ComparedRow, Counts, PairRow, PredictionRow, RunFolder, RunRow, wilson};
+use results::{ComparedRow, Counts, PairRow, PredictionRow, RunFolder, RunRow};
 
 use super::candidate::{Candidate, EVOLVED};
 use super::described::Described;
-use super::differences::{Level, Outcomes, error_interval, pairs};
+use super::differences::{Level, Outcomes, pairs};
 use super::error::CompareError;
 use super::foreign::{FOREIGN, ForeignCandidate};
 use super::recognition::Recognition;
 use crate::dataset::Dataset;
 use crate::evaluate::compared_by;
+use crate::reference_clouds::sequences;
 use crate::run::{Matching, rows};
 
 /// What is the same for all candidates.
@@ -48,7 +49,7 @@ impl Tables<'_> {
     /// # Errors
     /// If it describes nothing, differs from the run's own final test, or cannot be written.
     pub fn add(&self, candidate: &Candidate, described: &Described) -> Result<Compared, CompareError> {
-        let sequences = self.sequences();
+        let sequences = sequences(self.dataset);
         let known = (self.dataset.splits.trained() as u32, &sequences[..]);
         let recognition = Recognition::new(candidate, described, self.labels, known)?;
         let recognised = self.recognised(&candidate.label, recognition)?;
@@ -80,7 +81,7 @@ impl Tables<'_> {
     /// # Errors
     /// If nothing can be learned from it, or it cannot be written.
     pub fn add_foreign(&self, candidate: &ForeignCandidate<'_>) -> Result<Compared, CompareError> {
-        let recognition = Recognition::of_foreign(candidate, self.labels, &self.sequences())?;
+        let recognition = Recognition::of_foreign(candidate, self.labels, &sequences(self.dataset))?;
         let foreign = candidate.descriptor;
         let about = About {
             label: &candidate.label,
@@ -115,19 +116,13 @@ impl Tables<'_> {
             }
         }
         let outcomes = Outcomes { label, right };
-        let now = counts(&outcomes);
+        let now = outcomes.counts();
         if now != row.counts {
             let [then, now] = [row.counts, now].map(told);
             let label = outcomes.label;
             return Err(CompareError::Contradiction { label, what: "its answers", then, now });
         }
         Ok(Compared { row: row.clone(), answers, is_abridged: false, learned: None, outcomes })
-    }
-
-    /// Those of the clouds of the database.
-    fn sequences(&self) -> Vec<Option<u32>> {
-        let database = Matching::Test.database_clouds(self.dataset);
-        database.iter().map(|&cloud| self.dataset.clouds.entries[cloud as usize].sequence).collect()
     }
 
     /// Refuses a recognition of nothing, and one of the evolved descriptor that differs from the run's.
@@ -137,7 +132,7 @@ impl Tables<'_> {
         recognition: Recognition,
     ) -> Result<(Recognition, Outcomes), CompareError> {
         let outcomes = judge(label, &recognition, self.labels);
-        let counts = counts(&outcomes);
+        let counts = outcomes.counts();
         if counts.queries == 0 {
             return Err(CompareError::NothingDescribed { label: label.to_owned() });
         }
@@ -232,33 +227,20 @@ fn judge(label: &str, recognition: &Recognition, [queries, database]: [&[Label];
     Outcomes { label: label.to_owned(), right }
 }
 
-fn counts(judged: &Outcomes) -> Counts {
-    let described = || judged.right.iter().flatten();
-    Counts {
-        object_correct: described().filter(|right| right[0]).count() as u32,
-        category_correct: described().filter(|right| right[1]).count() as u32,
-        queries: described().count() as u32,
-    }
-}
-
 fn row(
     about: About<'_>,
     recognition: &Recognition,
     judged: &Outcomes,
     (queries, seed): (&[Label], u64),
 ) -> ComparedRow {
-    let counts = counts(judged);
-    let intervals = |correct: u32, level| {
-        let by_wilson = wilson(counts.queries - correct, counts.queries);
-        [by_wilson, error_interval(judged, level, queries, seed).unwrap_or(by_wilson)]
-    };
+    let counts = judged.counts();
     let area =
         |name| recognition.curves.iter().find(|curve| curve.name == name).and_then(results::Curve::area);
     let learned = recognition.learned.as_ref();
     let cloud_size =
         learned.and_then(|learned| learned.size).map_or(about.cloud_size, |size| Some(size as u32));
-    let [object_wilson, object_bootstrap] = intervals(counts.object_correct, Level::Object);
-    let [category_wilson, category_bootstrap] = intervals(counts.category_correct, Level::Category);
+    let [[object_wilson, object_bootstrap], [category_wilson, category_bootstrap]] =
+        Level::ALL.map(|level| judged.intervals(level, queries, seed));
     ComparedRow {
         descriptor: about.label.to_owned(),
         kind: about.kind.to_owned(),

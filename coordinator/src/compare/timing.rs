@@ -5,7 +5,7 @@ use descriptor::{Describer, Descriptor, Preprocess, SetDistance};
 use results::{PredictionRow, Times};
 
 use super::error::CompareError;
-use crate::dataset::{Dataset, ListedCloud, Listing};
+use crate::dataset::{CloudEntry, Dataset, ListedCloud, Listing};
 use crate::evaluate::{DescribedClouds, EvaluateError, Report, Request, describe_file};
 use crate::run::Matching;
 
@@ -122,19 +122,15 @@ impl Timed {
 
 /// The usable clouds of the final test.
 pub fn listing(dataset: &Dataset) -> Listing {
-    let (queries, database) = (Matching::Test.query_clouds(dataset), Matching::Test.database_clouds(dataset));
-    let listed = |&index: &u32| {
-        let cloud = &dataset.clouds.entries[index as usize];
-        ListedCloud {
-            path: cloud.path.clone(),
-            file: dataset.clouds.file(cloud),
-            category: cloud.category,
-            instance: cloud.instance,
-        }
+    let listed = |cloud: &CloudEntry| ListedCloud {
+        path: cloud.path.clone(),
+        file: dataset.clouds.file(cloud),
+        category: cloud.category,
+        instance: cloud.instance,
     };
     Listing {
-        clouds: queries.iter().chain(&database).map(listed).collect(),
-        queries: queries.len(),
+        clouds: Matching::Test.queries(dataset).chain(Matching::Test.database(dataset)).map(listed).collect(),
+        queries: Matching::Test.query_clouds(dataset).len(),
         categories: dataset.clouds.categories.clone(),
         instances: dataset.clouds.instances.clone(),
     }

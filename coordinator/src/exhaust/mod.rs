@@ -31,7 +31,7 @@ use crate::dataset::{Dataset, Wanted};
 use crate::experiment::Experiment;
 use crate::observers::tables::control_row;
 use crate::result_cache::source::source_of;
-use crate::run::directory::{beside, claim, difference, refuse_another};
+use crate::run::directory::{beside, claim, refuse_another, refuse_other_search};
 use crate::run::progress::Progress;
 use crate::run::{RunError, RunOptions, open_data, refuse_sets, rows};
 use crate::session::{Session, listen, scale};
@@ -183,10 +183,7 @@ fn finished(out: &Path, spec: &GridSpec) -> Result<Option<FinishedGrid>, RunErro
         }
         Err(error) => return Err(error.into()),
     };
-    if finished.row.search_space != spec.text {
-        let difference = difference(&finished.row.search_space, &spec.text);
-        return Err(RunError::OtherSearch { folder: out.to_owned(), difference });
-    }
+    refuse_other_search(out, &finished.row.search_space, &spec.text)?;
     let cells = 0..spec.grid.cells();
     let missing = cells.filter(|&cell| !GridFolder::has_cell(out, &spec.cell_name(cell))).count();
     if missing > 0 {

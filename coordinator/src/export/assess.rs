@@ -9,7 +9,7 @@ use descriptor::{SetDistance, Signature, Signatures};
 use rayon::prelude::*;
 
 use super::error::AssessError;
-use super::{describe, reject};
+use super::{describe_all, reject};
 use crate::dataset::{Layout, NamedCloud};
 use crate::looks::Look;
 
@@ -93,21 +93,16 @@ pub fn assess(
         None => None,
     };
 
-    let described: Vec<_> = listed.par_iter().map(|cloud| describe(&recogniser, cloud)).collect();
+    let (described, skipped) = describe_all(&recogniser, &listed);
     let numbers: BTreeMap<&str, u32> = (clouds.iter().zip(labels(&clouds)))
         .map(|(cloud, label)| (&*cloud.instance, label.instance))
         .collect();
-    let (mut queries, mut skipped) = (Vec::new(), Vec::new());
-    for (cloud, described) in listed.iter().zip(described) {
-        match described {
-            Ok(signatures) => queries.push(Query {
-                signatures,
-                instance: cloud.instance.clone(),
-                is_known: numbers.contains_key(&*cloud.instance),
-            }),
-            Err(reason) => skipped.push((cloud.path.clone(), reason)),
-        }
-    }
+    let query = |(cloud, signatures): (&NamedCloud, Vec<Signature>)| Query {
+        signatures,
+        instance: cloud.instance.clone(),
+        is_known: numbers.contains_key(&*cloud.instance),
+    };
+    let queries: Vec<Query> = described.into_iter().map(query).collect();
     if queries.is_empty() {
         return Err(AssessError::NoCloud { skipped: skipped.len() });
     }

@@ -48,18 +48,6 @@ pub enum ExportError {
         /// The first thing that is wrong with it.
         problem: String,
     },
-    /// The clouds have changed.
-    #[error("{run}: data digest must be {expected}, got {got}\n{difference}\nbring the run's clouds back, or name their place with --data", run = .run.display())]
-    OtherData {
-        /// The run.
-        run: PathBuf,
-        /// The run's.
-        expected: String,
-        /// Of the clouds as they are.
-        got: String,
-        /// Which clouds differ.
-        difference: String,
-    },
     /// A reference cloud.
     #[error(transparent)]
     Reference(ReferenceError),

@@ -9,9 +9,8 @@ use artefact::{
     TEST_VECTOR, channels, names_objects_by, signatures,
 };
 use descriptor::Signature;
-use rayon::prelude::*;
 
-use super::describe;
+use super::describe_all;
 use super::error::LearnError;
 use super::readme::{About, Origin};
 use super::reject::{self, Reject};
@@ -79,15 +78,7 @@ pub fn learn(
     let held = Learned { scales: scales.as_deref(), recognition: recognition.as_ref(), reject: rule };
     let together = |what: String| LearnError::Together { folder: artefact.to_owned(), what };
     let former = Recogniser::new(preprocess, &descriptor, held, database.clone()).map_err(together)?;
-    let described: Vec<Result<Vec<Signature>, String>> =
-        found.par_iter().map(|cloud| describe(&former, cloud)).collect();
-    let (mut added, mut skipped) = (Vec::new(), Vec::new());
-    for (cloud, described) in found.iter().zip(described) {
-        match described {
-            Ok(signatures) => added.push((cloud, signatures)),
-            Err(reason) => skipped.push((cloud.path.clone(), reason)),
-        }
-    }
+    let (added, skipped) = describe_all(&former, &found);
     if added.is_empty() {
         let got = match skipped.first() {
             Some((cloud, reason)) => {

@@ -20,6 +20,8 @@ use artefact::{Recogniser, RecognitionSettings, RejectSettings, SETTINGS, Settin
 use descriptor::structure::Structure;
 use descriptor::{Descriptor, Family, Signature};
 use proto::Message;
+use rayon::iter::Either;
+use rayon::prelude::*;
 
 use crate::dataset::{NamedCloud, cloud_bytes};
 use crate::evaluate::Seconds;
@@ -51,6 +53,18 @@ fn describe(recogniser: &Recogniser, cloud: &NamedCloud) -> Result<Vec<Signature
     let bytes = cloud_bytes(&cloud.file)?;
     let described = recogniser.describe(&bytes, &mut Seconds::default());
     Ok(described.map_err(|error| Message::of(&error).what)?.signatures)
+}
+
+/// Clouds with their signatures, and those that have none, with the reason.
+type DescribedClouds<'a> = (Vec<(&'a NamedCloud, Vec<Signature>)>, Vec<(String, String)>);
+
+/// The signatures of clouds, in their order.
+fn describe_all<'a>(recogniser: &Recogniser, clouds: &'a [NamedCloud]) -> DescribedClouds<'a> {
+    let one = |cloud: &'a NamedCloud| match describe(recogniser, cloud) {
+        Ok(signatures) => Either::Left((cloud, signatures)),
+        Err(reason) => Either::Right((cloud.path.clone(), reason)),
+    };
+    clouds.par_iter().partition_map(one)
 }
 
 /// Whether this is the text of an artefact's settings that mean something.

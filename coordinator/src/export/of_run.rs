@@ -26,7 +26,7 @@ use crate::experiment::{Experiment, Overrides};
 use crate::front;
 use crate::reference_clouds::{ReferenceError, describe, labelled, read, sequences};
 use crate::reopen::{Reopened, reopen, searched, winner_of};
-use crate::run::{Matching, choose_set, clouds, data_digest, sets};
+use crate::run::{Matching, choose_set, sets};
 use crate::sweep;
 
 /// What was exported.
@@ -187,14 +187,10 @@ pub(super) fn choose(
 ) -> Result<Chosen, ExportError> {
     refuse_sweep(run)?;
     let store = Store::open(storage, command, descriptor::EVALUATION_VERSION);
-    let Reopened { finished, experiment, dataset } = reopen(run, data, Overrides::default(), &store)?;
+    let reopened = reopen(run, data, Overrides::default(), &store)?;
     refuse_unsound(run)?;
-    let (expected, got) = (&finished.row.data_digest, data_digest(&dataset));
-    if *expected != got {
-        let (run, expected) = (run.to_owned(), expected.clone());
-        let difference = clouds::difference(&run, &expected, &dataset);
-        return Err(ExportError::OtherData { run, expected, got, difference });
-    }
+    reopened.refuse_other_data(run)?;
+    let Reopened { finished, experiment, dataset } = reopened;
     let winner = |what: String| ExportError::Winner { run: run.to_owned(), what };
     let mut preprocess = *experiment.preprocess();
     let descriptor = match which {

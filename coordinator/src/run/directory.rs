@@ -40,10 +40,7 @@ pub fn beside(base: &Path) -> PathBuf {
 pub fn refuse_another(folder: &Path, search: &str) -> Result<(), RunError> {
     let path = folder.join(SEARCH_FILE);
     match read_bounded(&path) {
-        Ok(held) if held != search => {
-            let difference = difference(&held, search);
-            Err(RunError::OtherSearch { folder: folder.to_owned(), difference })
-        }
+        Ok(held) => refuse_other_search(folder, &held, search),
         Err(error) if error.kind() == io::ErrorKind::NotFound => match foreign_entry(folder) {
             Some(entry) => Err(RunError::Occupied { folder: folder.to_owned(), entry: entry.into() }),
             None => Ok(()),
@@ -70,11 +67,7 @@ pub fn claim(folder: &Path, search: &str) -> Result<(), RunError> {
     let path = folder.join(SEARCH_FILE);
     let failed = |source| RunError::File { path: path.clone(), source };
     match read_bounded(&path) {
-        Ok(held) if held == search => Ok(()),
-        Ok(held) => {
-            let difference = difference(&held, search);
-            Err(RunError::OtherSearch { folder: folder.to_owned(), difference })
-        }
+        Ok(held) => refuse_other_search(folder, &held, search),
         Err(error) if error.kind() == io::ErrorKind::NotFound => {
             atomic::write(&path, search.as_bytes()).map_err(failed)
         }
@@ -82,8 +75,24 @@ pub fn claim(folder: &Path, search: &str) -> Result<(), RunError> {
     }
 }
 
+/// Refuses a folder that holds this search, if another is wanted.
+pub fn refuse_other_search(folder: &Path, held: &str, wanted: &str) -> Result<(), RunError> {
+    if held == wanted {
+        return Ok(());
+    }
+    Err(RunError::OtherSearch { folder: folder.to_owned(), difference: difference(held, wanted) })
+}
+
+/// Refuses a folder whose numbers are of another evaluation version than this program's.
+pub fn refuse_other_version(folder: &Path, then: u32) -> Result<(), RunError> {
+    if then == descriptor::EVALUATION_VERSION {
+        return Ok(());
+    }
+    Err(RunError::OtherVersion { folder: folder.to_owned(), then })
+}
+
 /// Lines of one text that are not in the other, marked - and +.
-pub fn difference(old: &str, new: &str) -> String {
+fn difference(old: &str, new: &str) -> String {
     let only = |a: &str, b: &str, mark: char| {
         let other: Vec<&str> = b.lines().collect();
         a.lines()

@@ -1,6 +1,6 @@
 //! Which splits are matched with which.
 
-use crate::dataset::Dataset;
+use crate::dataset::{CloudEntry, Dataset};
 
 /// Positions in [`SPLITS`](crate::dataset::SPLITS).
 pub const TRAIN1: usize = 0;
@@ -38,6 +38,16 @@ impl Matching {
     /// The queries, as indices into the data set's clouds, in the order in which matches are listed.
     pub fn query_clouds(self, dataset: &Dataset) -> &[u32] {
         dataset.splits.all()[self.splits().0[0]]
+    }
+
+    /// The queries, in that order.
+    pub fn queries(self, dataset: &Dataset) -> impl Iterator<Item = &CloudEntry> {
+        self.query_clouds(dataset).iter().map(|&cloud| &dataset.clouds.entries[cloud as usize])
+    }
+
+    /// The clouds of the database, in the order in which matches number them.
+    pub fn database(self, dataset: &Dataset) -> impl Iterator<Item = &CloudEntry> {
+        self.database_clouds(dataset).into_iter().map(|cloud| &dataset.clouds.entries[cloud as usize])
     }
 
     /// The database, as indices into the data set's clouds, in the order in which matches number it.

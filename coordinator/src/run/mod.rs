@@ -53,7 +53,7 @@ use bounds::bounds;
 pub use contradiction::counts_text;
 pub use data::{DataError, open_data, write_synthetic};
 pub use directory::folder;
-use directory::{claim, difference, refuse_another};
+use directory::{claim, refuse_another, refuse_other_search, refuse_other_version};
 use driver::compare_with_optimum;
 pub use driver::{RunDriver, Start};
 pub use error::RunError;
@@ -128,7 +128,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     };
     let mut recorded = RecordedSession::open(setup, &store, options, (started, started_at), &progress)?;
     let client = recorded.session.cluster.client();
-    let mut attached = recorded.start(listener, experiment, &mut progress).await?;
+    let mut attached = recorded.start(listener, &mut progress).await?;
     let RecordedSession { session, start, .. } = &recorded;
     let cache = |matching| session.splits.count_cache(&store, experiment.preprocess(), matching);
     let [train_cache, validation_cache] = [Matching::Train, Matching::Validation].map(cache);
@@ -137,13 +137,13 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
         true => SearchCounts::read(&train_cache, &validation_cache),
         false => SearchCounts::default(),
     };
-    let (clients, deadline) = (vec![(None, client.id())], experiment.coordinator().deadline);
+    let clients = vec![(None, client.id())];
     let (console, tell) = (progress.console().clone(), progress.teller());
     let (dataset, start) = (&dataset, *start);
     let mut run =
         RunDriver { experiment, dataset, session, remembered: &remembered, client, folder, progress, start };
     let search = run.search();
-    let searched = recorded.perform(&mut attached, clients, (deadline, &console, tell), search).await;
+    let searched = recorded.perform(&mut attached, clients, (&console, tell), search).await;
     if searched.is_err() {
         run.tell_what_happened().await;
     }
@@ -153,7 +153,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     let summary = run.finish(&outcome).await?;
     remove_journal(&out);
     attribution.note(session, &out, &outcome.found.counts);
-    attribution.leave(session, &outcome.found.counts, [&train_cache, &validation_cache]);
+    attribution.keep(session, &outcome.found.counts, [&train_cache, &validation_cache]);
     recorded.end(attached, dataset).await;
     Ok(summary)
 }
@@ -177,15 +177,8 @@ pub fn finished(out: &Path, experiment: &Experiment) -> Result<Option<Summary>, 
         Err(results::Error::Unfinished(_)) => return Ok(None),
         Err(error) => return Err(error.into()),
     };
-    let folder = out.to_owned();
-    let search = experiment.search_toml();
-    if run.search_config != search {
-        let difference = difference(&run.search_config, &search);
-        return Err(RunError::OtherSearch { folder, difference });
-    }
-    if run.evaluation_version != descriptor::EVALUATION_VERSION {
-        return Err(RunError::OtherVersion { folder, then: run.evaluation_version });
-    }
+    refuse_other_search(out, &run.search_config, &experiment.search_toml())?;
+    refuse_other_version(out, run.evaluation_version)?;
     let skipped = results::read_table(out, results::TableName::Skipped)?.shape().0;
     let space = experiment.space();
     let searched = space.from_values(&run.best_genes);
@@ -201,7 +194,7 @@ pub fn finished(out: &Path, experiment: &Experiment) -> Result<Option<Summary>, 
         pairs: results::read_pairs(out)?,
         sets: results::read_sets(out)?,
         bounds: searched.map_or_else(Vec::new, |searched| bounds(space, &searched)),
-        out: folder,
+        out: out.to_owned(),
     }))
 }
 

@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Instant, SystemTime};
 
 use cache::Store;
 use cluster::Cluster;
@@ -36,6 +36,7 @@ pub struct RecordedSession<'a> {
     /// Whether nothing of the journal was lost: then it tells of everybody who was wrong.
     is_whole: bool,
     requests: Requests,
+    experiment: &'a Experiment,
     out: &'a Path,
     options: &'a RunOptions,
 }
@@ -75,8 +76,7 @@ impl<'a> RecordedSession<'a> {
     /// Opens the journal and brings up a session without workers, which goes on where the journal ends. `started`: now.
     ///
     /// # Errors
-    /// If the journal is of something else or cannot be used, the search space is too fine, or a principal is to be readmitted
-    /// that is not quarantined.
+    /// If the journal is of something else or cannot be used, or the search space is too fine.
     pub fn open(
         setup: Setup<'a>,
         store: &Arc<Store>,
@@ -101,22 +101,23 @@ impl<'a> RecordedSession<'a> {
         let memory = options.storage.memory;
         let session =
             Session::with_journal(past, experiment, with_sequences, dataset, Arc::clone(store), memory)?;
-        readmit(&session.cluster, &options.readmit)?;
-        Ok(Self { session, start, is_trusted, is_whole, requests, out, options })
+        Ok(Self { session, start, is_trusted, is_whole, requests, experiment, out, options })
     }
 
     /// Lets workers in. From now on, progress follows the session, and, as long as what this returns is kept, its events are
-    /// written, it is measured, and Slurm is asked for workers.
+    /// written, it is measured, and Slurm is asked for workers. Not before what an earlier start has left is discarded that
+    /// cannot be trusted: those who are readmitted are quarantined no more.
     ///
     /// # Errors
-    /// If the file of events cannot be written, or Slurm cannot be asked.
+    /// If a principal is to be readmitted that is not quarantined, the file of events cannot be written, or Slurm cannot be
+    /// asked.
     pub async fn start(
         &mut self,
         listener: Option<Listener>,
-        experiment: &Experiment,
         progress: &mut Progress,
     ) -> Result<Attached, RunError> {
-        let Self { session, options, out, .. } = self;
+        let Self { session, experiment, options, out, .. } = self;
+        readmit(&session.cluster, &options.readmit)?;
         progress.follow(&session.cluster);
         progress.measure(options.metrics.as_ref(), out);
         let events = EventFile::open(options.events.as_deref(), &session.cluster).await?;
@@ -141,7 +142,7 @@ impl<'a> RecordedSession<'a> {
         &self,
         attached: &mut Attached,
         clients: Vec<(Option<String>, ClientId)>,
-        (deadline, console, tell): (Option<Duration>, &Console, impl Fn()),
+        (console, tell): (&Console, impl Fn()),
         work: impl Future<Output = Result<T, RunError>>,
     ) -> Result<T, RunError> {
         let operator = Operator {
@@ -152,26 +153,29 @@ impl<'a> RecordedSession<'a> {
             keep: None,
             tls: self.options.port.protection.tls.clone(),
         };
-        let work = self.session.perform(console, deadline, work);
+        let work = self.session.perform(console, self.experiment.coordinator().deadline, work);
         let done = operator.during(tell, work).await;
         EventFile::finish(attached.events.take()).await;
         drop(attached.measured.take());
         done
     }
 
-    /// On whose word its results rest. `for_others`: also by descriptor. Not after the tables are finished: what cannot be
-    /// looked up is a reason to go on by the journal.
+    /// On whose word its results rest. `for_others`: also by descriptor. Before the journal is removed: what cannot be looked
+    /// up is a reason to go on by it.
     ///
     /// # Errors
     /// If what has outgrown memory cannot be looked up any more.
     pub async fn attribution(&self, for_others: bool) -> Result<Attribution, RunError> {
         let cluster = &self.session.cluster;
         let answerers = cluster.answerers()?;
-        let descriptors = if for_others { Some(cluster.provenances().await?) } else { None };
         // What one with a worker that was wrong computed where nobody has looked is in doubt; after damage to the journal
         // nobody knows whether there was one.
-        let is_trusted = cluster.quarantined().is_empty() && self.is_whole;
-        Ok(Attribution { answerers, descriptors: descriptors.filter(|_| is_trusted) })
+        let is_sound = || self.is_whole && cluster.quarantined().is_empty();
+        let descriptors = match for_others && is_sound() {
+            true => Some(cluster.provenances().await?).filter(|_| is_sound()),
+            false => None,
+        };
+        Ok(Attribution { answerers, descriptors })
     }
 
     /// Lets the workers go, unless they are needed for what follows.
@@ -190,9 +194,9 @@ impl Attribution {
         session.register(run, counts, &self.answerers);
     }
 
-    /// Leaves counts to later runs, of training and validation, as far as these may go on with them. Not before the run is
+    /// Keeps counts for later runs, of training and validation, as far as these may go on with them. Not before the run is
     /// finished: what a failed one computed is in doubt.
-    pub fn leave(
+    pub fn keep(
         &self,
         session: &Session<'_>,
         counts: &SearchCounts,

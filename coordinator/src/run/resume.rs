@@ -9,7 +9,7 @@ use results::RunFolder;
 
 use crate::dataset::Dataset;
 use crate::experiment::{Overrides, Plan};
-use crate::run::directory::difference;
+use crate::run::directory::{refuse_other_search, refuse_other_version};
 use crate::run::{RunError, clouds, data_digest, refuse_other_data};
 use crate::sweep::SWEEP_FILE;
 use crate::sweep::recorded_sweep;
@@ -75,18 +75,9 @@ fn refuse_earlier(folder: &Path) -> Result<(), JournalError> {
 }
 
 fn refuse_another(folder: &Path, then: &Header, now: &Header, dataset: &Dataset) -> Result<(), RunError> {
-    let folder = folder.to_owned();
-    if then.search != now.search {
-        let difference = difference(&then.search, &now.search);
-        return Err(RunError::OtherSearch { folder, difference });
-    }
-    if then.evaluation_version != now.evaluation_version {
-        return Err(RunError::OtherVersion { folder, then: then.evaluation_version });
-    }
-    if then.data_digest != now.data_digest {
-        refuse_other_data(&folder, &then.data_digest, dataset)?;
-    }
-    Ok(())
+    refuse_other_search(folder, &then.search, &now.search)?;
+    refuse_other_version(folder, then.evaluation_version)?;
+    refuse_other_data(folder, &then.data_digest, dataset)
 }
 
 /// Removes the journal of a finished run, if it is still there: the tables have everything.

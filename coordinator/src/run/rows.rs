@@ -6,7 +6,7 @@ use descriptor::{Column, Descriptor, SearchSpace};
 use evolution::Individual;
 use results::{Computed, Counts, EvaluationRow, GeneColumn, PredictionRow, RunnerUp, SkippedRow};
 
-use crate::dataset::Dataset;
+use crate::dataset::{CloudEntry, Dataset};
 use crate::fitness::{Fitness, Measured};
 use crate::run::matching::Matching;
 use cluster::scheduler::Finished;
@@ -34,12 +34,10 @@ pub fn counts(result: &EvaluationResult) -> Counts {
 
 /// The counts of a result whose matches are known, from the matches: what the table of predictions shows.
 pub fn recount(dataset: &Dataset, matching: Matching, result: &EvaluationResult) -> Counts {
-    let database = matching.database_clouds(dataset);
-    let entries = &dataset.clouds.entries;
-    let queries = matching.query_clouds(dataset).iter().map(|&index| &entries[index as usize]);
+    let database: Vec<&CloudEntry> = matching.database(dataset).collect();
     let mut counts = Counts { object_correct: 0, category_correct: 0, queries: result.queries };
-    for (query, found) in queries.zip(&result.matches) {
-        let nearest = &entries[database[found.nearest as usize] as usize];
+    for (query, found) in matching.queries(dataset).zip(&result.matches) {
+        let nearest = database[found.nearest as usize];
         counts.object_correct += u32::from(nearest.instance == query.instance);
         counts.category_correct += u32::from(nearest.category == query.category);
     }

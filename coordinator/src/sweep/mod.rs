@@ -88,7 +88,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
         (Some(members[*place].name.clone()), client.id())
     };
     let named_clients = folders.iter().zip(&clients).map(named).collect();
-    let mut attached = recorded.start(listener, base, &mut progress).await?;
+    let mut attached = recorded.start(listener, &mut progress).await?;
     let RecordedSession { session, start, .. } = &recorded;
     let cache = |matching| session.splits.count_cache(&store, base.preprocess(), matching);
     let [train_cache, validation_cache] = [Matching::Train, Matching::Validation].map(cache);
@@ -103,7 +103,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
         (place, RunDriver { experiment, dataset, session, remembered, client, folder, progress, start })
     };
     let mut runs: Vec<(usize, RunDriver<'_>)> = folders.into_iter().zip(clients).map(driver).collect();
-    let shown = (base.coordinator().deadline, progress.console(), progress.teller());
+    let shown = (progress.console(), progress.teller());
     let searched = recorded.perform(&mut attached, named_clients, shown, run_all(&mut runs, &tally)).await;
     if searched.is_err() {
         for (_, run) in &runs {
@@ -121,7 +121,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
         attribution.note(session, &summary.out, &found);
         summaries.push((place, summary));
         if remembers(&members[place]) {
-            attribution.leave(session, &found, [&train_cache, &validation_cache]);
+            attribution.keep(session, &found, [&train_cache, &validation_cache]);
         }
     }
     recorded.end(attached, dataset).await;
