@@ -12,7 +12,7 @@ use tonic::codec::{BufferSettings, Codec, DecodeBuf, Decoder};
 use tonic_prost::ProstCodec;
 
 use crate::MAX_MESSAGE_BYTES;
-use crate::v2::{JobReport, Lease, Match, Nearest, Object, PollRequest, PresignUrlsRequest};
+use crate::v2::{Job, JobReport, Lease, Match, Nearest, Object, PollReply, PollRequest, PresignUrlsRequest};
 
 /// Most memory that the lists of one message may take once it is decoded, bytes.
 const MAX_LIST_BYTES: usize = 4 * MAX_MESSAGE_BYTES;
@@ -87,12 +87,14 @@ static EVALUATION: [Field; 2] = [list::<Match>(4, &[]), list::<Nearest>(5, &[])]
 static RESULT: [Field; 1] = [part(1, &EVALUATION)];
 static REPORT: [Field; 1] = [part(3, &RESULT)];
 static POLL: [Field; 2] = [list::<Lease>(4, &[]), list::<JobReport>(5, &REPORT)];
+static POLL_REPLY: [Field; 3] = [list::<Lease>(1, &[]), list::<Lease>(2, &[]), list::<Job>(3, &[])];
 static PRESIGN: [Field; 1] = [list::<Object>(2, &[])];
 
-/// The lists of a request of this type.
+/// The lists of a message of this type.
 fn lists_of(message: TypeId) -> &'static [Field] {
     match message {
         poll if poll == TypeId::of::<PollRequest>() => &POLL,
+        reply if reply == TypeId::of::<PollReply>() => &POLL_REPLY,
         presign if presign == TypeId::of::<PresignUrlsRequest>() => &PRESIGN,
         _ => &[],
     }
@@ -185,6 +187,10 @@ mod tests {
         assert!(is_refused(&poll(250, 0, 16_000).encode_to_vec()), "added up over all reports");
         // Behind a group, which decoders pass over.
         assert!(is_refused(&[&[15 << 3 | 3, 15 << 3 | 4], &finished[..]].concat()));
+        for list in 1..=3 {
+            let reply = entries(list << 3 | 2);
+            assert!(check(lists_of(TypeId::of::<PollReply>()), &reply).is_err(), "list {list} of a reply");
+        }
         let objects = entries(2 << 3 | 2);
         assert!(check(lists_of(TypeId::of::<PresignUrlsRequest>()), &objects).is_err());
         assert!(check(lists_of(TypeId::of::<Lease>()), &finished).is_ok(), "a message without lists");

@@ -76,7 +76,7 @@ impl JobSlots {
         fitting.max(self.finished.len().min(1))
     }
 
-    /// Takes in a reply: drops what is acknowledged or revoked, queues what is new.
+    /// Takes in a reply: drops what is acknowledged or revoked, queues what is new and was asked for.
     pub fn absorb(&mut self, reply: Reply) {
         let Reply { acknowledged, revoked, jobs, run_ended: _ } = reply;
         self.finished.retain(|(report, _)| !acknowledged.contains(&report.lease));
@@ -85,6 +85,9 @@ impl JobSlots {
             *running = running.filter(|lease| !revoked.contains(lease));
         }
         for job in jobs {
+            if self.unfinished().count() > self.ahead {
+                break; // more than was asked for: what is not held is handed out again
+            }
             if !self.held().contains(&job.lease) {
                 self.queue.push_back(job);
             }
@@ -201,6 +204,17 @@ mod tests {
         slots.absorb(reply(&[1, 2]));
         slots.absorb(Reply { revoked: vec![lease(1)], ..reply(&[2, 3]) });
         assert_eq!(slots.held(), [lease(2), lease(3)]);
+    }
+
+    #[test]
+    fn no_more_jobs_are_queued_than_were_asked_for() {
+        let mut slots = JobSlots::new(1);
+        slots.absorb(reply(&(0..100_000).collect::<Vec<_>>()));
+        assert_eq!(slots.held(), [lease(0), lease(1)]);
+        // One that takes the place of a job that was revoked was asked for.
+        slots.start();
+        slots.absorb(Reply { revoked: vec![lease(0)], ..reply(&[2]) });
+        assert_eq!(slots.held(), [lease(1), lease(2)]);
     }
 
     #[test]

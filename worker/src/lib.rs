@@ -25,7 +25,7 @@ pub mod trace;
 pub mod version;
 mod wire;
 
-pub use bucket::{HttpClient, http_client};
+pub use bucket::{HttpClient, MAX_OBJECT_BYTES, http_client};
 pub use identity::{BUILD, Identity};
 pub use join_file::JoinFile;
 pub use lifetime::{Leaving, LifetimeLimits};

@@ -149,13 +149,20 @@ impl Session {
     ) -> Result<Leaving, WorkerError> {
         tokio::pin!(shutdown);
         let mut last_contact = Instant::now();
-        let mut told = None;
+        let (mut told, mut unknown_since) = (None, None);
         loop {
             // Where a coordinator can be told that the worker leaves, `attend` has done so.
             if let Stage::Over(why) = self.stage() {
                 return Ok(why);
             }
-            match self.attend(shutdown.as_mut(), &mut backoff, &mut last_contact).await {
+            let end = match self.attend(shutdown.as_mut(), &mut backoff, &mut last_contact).await {
+                // It would be asked without end.
+                End::Unknown if unknown_since == Some(last_contact) => {
+                    End::Lost(Status::unavailable("it knows no worker that it has just let in"))
+                }
+                end => end,
+            };
+            match end {
                 End::Left(why) => return Ok(why),
                 End::Due => {}
                 End::RunEnded if self.conduct.stay => {
@@ -176,7 +183,8 @@ impl Session {
                     return Err(WorkerError::Refused { message: lines.join("\n") });
                 }
                 End::Unknown => {
-                    tracing::info!("the coordinator does not know this worker, registering again")
+                    unknown_since = Some(last_contact);
+                    tracing::info!("the coordinator does not know this worker, registering again");
                 }
                 End::Lost(status) => {
                     let reason = reason(&status);

@@ -98,6 +98,9 @@ pub struct Reply {
     pub run_ended: bool,
 }
 
+/// Until the next part of a stream is there.
+const CHUNK: Duration = Duration::from_secs(60);
+
 /// A lease with what is to be done under it.
 #[derive(Clone, Debug)]
 pub struct Job {
@@ -132,7 +135,7 @@ impl Client {
             build: BUILD.to_owned(),
         });
         request.set_timeout(timeout);
-        match self.0.register(request).await?.into_inner().outcome {
+        match within(timeout, self.0.register(request)).await?.into_inner().outcome {
             Some(Outcome::Accepted(accepted)) => Ok(Registration::Accepted(Accepted {
                 session: SessionId::try_from(&accepted.session_id[..])
                     .map_err(|error| Status::internal(error.to_string()))?,
@@ -168,19 +171,21 @@ impl Client {
             leaving: poll.leaving,
         });
         request.set_timeout(timeout);
-        Ok(reply(self.0.poll(request).await?.into_inner()))
+        Ok(reply(within(timeout, self.0.poll(request)).await?.into_inner()))
     }
 
     /// The blob with this digest, unchecked; `None` if it has more than `most` bytes.
     pub async fn fetch_blob(&self, digest: Digest, most: u64) -> Result<Option<Vec<u8>>, Status> {
         let request = v2::FetchBlobRequest { digest: digest.to_vec(), takes_lz4: true };
-        collect(self.0.clone().fetch_blob(request).await?.into_inner(), most).await
+        let mut client = self.0.clone();
+        collect(within(CHUNK, client.fetch_blob(request)).await?.into_inner(), most).await
     }
 
     /// An entry of the coordinator's store, unchecked; `None` if it has more than `most` bytes.
     pub async fn fetch_derived(&self, kind: &str, key: Digest, most: u64) -> Result<Option<Vec<u8>>, Status> {
         let request = v2::FetchDerivedRequest { kind: kind.to_owned(), key: key.to_vec() };
-        collect(self.0.clone().fetch_derived(request).await?.into_inner(), most).await
+        let mut client = self.0.clone();
+        collect(within(CHUNK, client.fetch_derived(request)).await?.into_inner(), most).await
     }
 
     /// URLs of objects in the bucket, in their order; `None` for those that there are none of.
@@ -198,7 +203,9 @@ impl Client {
         let objects = objects.into_iter().map(object).collect();
         let mut request = Request::new(v2::PresignUrlsRequest { kind, objects });
         request.set_timeout(timeout);
-        let v2::PresignUrlsReply { urls, sha256 } = self.0.clone().presign_urls(request).await?.into_inner();
+        let mut client = self.0.clone();
+        let reply = within(timeout, client.presign_urls(request)).await?.into_inner();
+        let v2::PresignUrlsReply { urls, sha256 } = reply;
         let got = urls.len();
         if got != asked {
             return Err(Status::internal(format!("URLs: must be {asked}, got {got}")));
@@ -210,6 +217,13 @@ impl Client {
         };
         Ok(urls.into_iter().map(signed).collect())
     }
+}
+
+/// A call that ends at its deadline. What tonic makes of a request's timeout ends with the headers of the reply: a coordinator
+/// that stops after them would be waited for without end.
+async fn within<T>(timeout: Duration, call: impl Future<Output = Result<T, Status>>) -> Result<T, Status> {
+    let late = |_| Err(Status::deadline_exceeded(format!("no whole reply within {timeout:?}")));
+    tokio::time::timeout(timeout, call).await.unwrap_or_else(late)
 }
 
 /// What a reply says. A job without a lease cannot be reported: it is as good as not sent.
@@ -235,7 +249,7 @@ pub fn decode_reply(bytes: &[u8]) -> Option<Reply> {
 /// All bytes of a stream, decompressed; `None` if there are more than `most`.
 async fn collect(mut stream: Streaming<v2::BlobChunk>, most: u64) -> Result<Option<Vec<u8>>, Status> {
     let (mut bytes, mut lz4_length) = (Vec::new(), 0);
-    while let Some(chunk) = stream.message().await? {
+    while let Some(chunk) = within(CHUNK, stream.message()).await? {
         lz4_length = chunk.lz4_length;
         if (bytes.len() + chunk.data.len()) as u64 > most || u64::from(lz4_length) > most {
             return Ok(None);

@@ -80,7 +80,7 @@ pub enum Finding {
     Nothing,
     /// What the entry should be.
     Right(Sha256),
-    /// More bytes than the entry has: nobody reads them to see whose they are.
+    /// More bytes than workers read, or than could be read in time: nobody knows whose they are.
     TooLarge,
     /// Bytes that are no entry: a fault of the server, unless somebody has signed for just these.
     Damaged(Sha256),

@@ -17,7 +17,7 @@ use rand::seq::SliceRandom as _;
 use ring::digest;
 use tokio::sync::Semaphore;
 use transport::{ObjectRequest, Presign, Presigner, SignedUrl};
-use worker::PREPARED_CLOUD;
+use worker::{MAX_OBJECT_BYTES, PREPARED_CLOUD};
 
 #[cfg(not(feature = "s3"))]
 pub use crate::no_bucket::{Bucket, BucketError};
@@ -28,6 +28,8 @@ use entry_trust::{Check, Conviction, EntryTrust, Finding, Given, Sha256};
 
 /// How long the bucket may take to give an entry that is to be checked, and a call waits for its checks: workers wait longer.
 const PATIENCE: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(2));
+/// How long it may take to give an entry that is larger than it should be, as large as workers read any.
+const PATIENCE_FOR_LARGE: Duration = Duration::from_secs(60);
 /// Most checks of a call.
 const MOST_CHECKS: usize = 64;
 /// Checked at once.
@@ -156,6 +158,8 @@ struct Entries {
     /// Each entry is looked at by one task, whoever waits for it, and as long as it takes.
     looks: Mutex<HashMap<Digest, Look>>,
     at_once: Semaphore,
+    /// One entry is read at a time that is larger than it should be.
+    large: Semaphore,
     /// Why the bucket has not given an entry, and when.
     failed: Mutex<Option<(Instant, String)>>,
     /// Wrong entries, and entries that could not be compared, so far.
@@ -174,6 +178,7 @@ impl Entries {
             trust,
             looks: Mutex::default(),
             at_once: Semaphore::new(CHECKS_AT_ONCE),
+            large: Semaphore::new(1),
             failed: Mutex::default(),
             wrong: AtomicU64::new(0),
             unknown: AtomicU64::new(0),
@@ -306,7 +311,7 @@ impl Entries {
         };
         let most = expected.len() as u64 + HEADER_BYTES;
         if size > most {
-            return Ok(Finding::TooLarge);
+            return Ok(self.of_large(key, size).await);
         }
         let Some(bytes) = self.in_time(self.objects.read(key, most)).await? else {
             return Ok(Finding::Nothing);
@@ -314,6 +319,21 @@ impl Entries {
         let prepared = Arc::clone(&self.prepared);
         let compare = move || compared(&prepared, key, &bytes, &expected);
         tokio::task::spawn_blocking(compare).await.map_err(|error| error.to_string())
+    }
+
+    /// What an entry is that has more bytes than it should, and that workers may read: whoever has signed for these bytes is
+    /// wrong, whatever was added to them.
+    async fn of_large(&self, key: Digest, size: u64) -> Finding {
+        let Ok(_alone) = self.large.acquire().await else { return Finding::Nothing }; // it is never closed
+        if size > MAX_OBJECT_BYTES {
+            return Finding::TooLarge;
+        }
+        let read = self.objects.read(key, MAX_OBJECT_BYTES);
+        let Ok(Ok(Some(bytes))) = tokio::time::timeout(PATIENCE_FOR_LARGE, read).await else {
+            return Finding::TooLarge;
+        };
+        let hashed = tokio::task::spawn_blocking(move || sha256_of(&bytes)).await;
+        hashed.map_or(Finding::TooLarge, Finding::Damaged)
     }
 
     async fn in_time<T>(&self, answer: BoxFuture<'_, Result<T, String>>) -> Result<T, String> {

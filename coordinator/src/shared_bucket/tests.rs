@@ -216,6 +216,19 @@ async fn whoever_stores_wrong_clouds_is_quarantined_before_anybody_gets_one() {
 }
 
 #[tokio::test]
+async fn whoever_adds_to_a_wrong_cloud_more_bytes_than_one_has_is_quarantined_too() {
+    let bench = Bench::new(1.0, Mode::Well);
+    let mut padded = bench.entry(0, 1);
+    padded.resize(1 << 20, 0);
+    assert!(bench.store(0, padded, principal(2)).await);
+    for index in 1..CLOUDS {
+        bench.store(index, bench.entry(index, index), principal(1)).await;
+    }
+    assert_eq!(bench.is_given(principal(9)).await, [[false].as_slice(), &[true; CLOUDS - 1]].concat());
+    assert_eq!(bench.entries.cluster.quarantined(), [principal(2)].into());
+}
+
+#[tokio::test]
 async fn who_lies_after_it_has_earned_trust_is_found_by_the_share_that_is_checked() {
     let bench = Bench::new(1.0, Mode::Well);
     for index in 0..CLOUDS {

@@ -37,8 +37,8 @@ const UPLOADS: usize = 4;
 const SIGNATURE: Duration = Duration::from_secs(5);
 /// Memory for what is on its way to the bucket, KiB. What finds no room is not kept there.
 const UPLOAD_KIB: u32 = 64 << 10;
-/// The largest object: what is larger is stored by nobody.
-const MAX_OBJECT_BYTES: u64 = (UPLOAD_KIB as u64) << 10;
+/// The largest object: what is larger is stored and read by nobody.
+pub const MAX_OBJECT_BYTES: u64 = (UPLOAD_KIB as u64) << 10;
 
 /// What a worker does with a bucket.
 #[derive(Clone, Copy, Debug)]
@@ -100,8 +100,8 @@ pub struct Bucket {
     patience: Patience,
     reads: Mutex<Breaker>,
     writes: Mutex<Breaker>,
-    /// Held by whoever sends the first of several objects, which may be a trial.
-    first_upload: tokio::sync::Mutex<()>,
+    /// Held while one upload is a trial: others wait for how it ends.
+    upload_trial: tokio::sync::Mutex<()>,
     /// Time that reading may still cost.
     budget: Mutex<Budget>,
     /// Objects that are asked for together next.
@@ -129,7 +129,7 @@ impl Bucket {
             patience,
             reads: breaker(),
             writes: breaker(),
-            first_upload: tokio::sync::Mutex::default(),
+            upload_trial: tokio::sync::Mutex::default(),
             budget: Mutex::new(Budget::new(patience.trial, now)),
             lot: AtomicUsize::new(FIRST_LOT),
             room: Arc::new(Semaphore::new(UPLOAD_KIB as usize)),
@@ -289,9 +289,11 @@ impl Bucket {
             let urls = self.presigned(&self.writes, kind, wanted.collect()).await;
             let send = async |(index, SignedUrl { url, .. }): (usize, SignedUrl)| {
                 let (_, sum, bytes, _) = &some[index];
+                let mut trial = Some(self.upload_trial.lock().await);
                 match lock(&self.writes).admit(Instant::now()) {
                     Admission::Refused => return,
-                    Admission::Granted | Admission::Trial => {}
+                    Admission::Granted => trial = None, // others may go on beside it
+                    Admission::Trial => {}
                 }
                 match http.put(&url, &BASE64_STANDARD.encode(sum), bytes.clone()).await {
                     Ok(()) => {
@@ -302,13 +304,8 @@ impl Bucket {
                         self.gives_up(&self.writes, &fault);
                     }
                 }
+                drop(trial);
             };
-            let mut urls = urls.into_iter();
-            if let Some(first) = urls.next() {
-                // Alone: it may be a trial. What others have to store waits for how it ends, or it would be refused.
-                let _turn = self.first_upload.lock().await;
-                send(first).await;
-            }
             futures_util::stream::iter(urls).for_each_concurrent(UPLOADS, send).await;
         }
     }

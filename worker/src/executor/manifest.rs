@@ -17,7 +17,7 @@ pub struct Listed {
     pub bytes: u64,
     /// What it shows.
     pub label: Label,
-    /// Its path in the data set, for messages.
+    /// Its path in the data set, as it may be shown.
     pub path: String,
     /// The sequence that it was taken in, if sequences are numbered.
     pub sequence: Option<u32>,
@@ -44,7 +44,7 @@ impl Manifest {
             digest: cloud.digest,
             bytes: cloud.bytes,
             label: Label { category: cloud.label.category, instance: cloud.label.instance },
-            path: cloud.path,
+            path: proto::printable(&cloud.path).into_owned(),
             sequence: cloud.sequence,
         };
         Ok(Self { digest, clouds: manifest.clouds.into_iter().map(listed).collect() })

@@ -18,6 +18,7 @@ mod source;
 mod work;
 
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use cache::{ByteSize, Lru, Store};
 use descriptor::fitness::nearest_of_class;
@@ -43,6 +44,8 @@ use source::Source;
 
 /// Memory for split manifests, which are small and wanted by every job, bytes.
 const MANIFESTS: usize = 8 << 20;
+/// At its end, a worker waits so long for what is on its way to the disk.
+const SETTLING: Duration = Duration::from_secs(10);
 
 /// Carries out tasks, one at a time, each on all threads of its pool.
 pub struct Executor {
@@ -85,9 +88,10 @@ impl Executor {
         self.store.name_run(run);
     }
 
-    /// Waits until everything that is to be kept on disk is there, and not for ever for what goes to the bucket.
+    /// Waits until everything that is to be kept on disk and in the bucket is there, and not for ever: a disk may hang, and
+    /// nothing of it has to be kept.
     pub async fn settle(&self) {
-        self.matcher.files.settle().await;
+        let _ = tokio::time::timeout(SETTLING, self.matcher.files.settle()).await;
         self.matcher.loader.blobs.bucket.settle().await;
     }
 

@@ -14,6 +14,8 @@ use crate::prepared_cloud::prepared_cloud_key;
 
 /// A prepared cloud that was never seen is taken to be this many times as large as its source.
 const GROWTH: usize = 16;
+/// Nor less than this, whatever its manifest says, bytes.
+const LEAST_COST: usize = 64 << 10;
 /// More at once than this does not make batches faster, bytes.
 const LARGEST_BATCH: usize = 64 << 20;
 /// Most that is kept for the next cell of a grid, bytes: in the paper's search space, the disks within R1 of fourteen hundred
@@ -154,7 +156,7 @@ impl Clouds {
         if self.resident.contains_key(&cloud.digest) {
             return 0;
         }
-        let guess = usize::try_from(cloud.bytes).unwrap_or(usize::MAX).saturating_mul(GROWTH);
+        let guess = usize::try_from(cloud.bytes).unwrap_or(usize::MAX).saturating_mul(GROWTH).max(LEAST_COST);
         self.passing.get(&cloud.digest).copied().unwrap_or(guess)
     }
 }

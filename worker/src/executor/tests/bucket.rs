@@ -185,10 +185,15 @@ async fn what_is_put_during_a_trial_is_stored_once_it_has_ended_well() {
     let archive = Archive::new();
     let (server, cache) = (BucketServer::start(Mode::Well).await, tempdir().unwrap());
     let bucket = &machine(&archive, cache.path(), &server, false).matcher.loader.blobs.bucket;
-    // On one thread, no upload begins before all of them are on their way.
-    for bytes in [vec![1], vec![2], vec![3]] {
-        bucket.put(BLOB_KIND, vec![(Digest::of(&bytes), bytes)]);
+    let put = |bytes: Vec<u8>| bucket.put(BLOB_KIND, vec![(Digest::of(&bytes), bytes)]);
+    // On one thread, no upload begins before the first two are on their way, and the answer to the trial is not heard of
+    // before the third is.
+    put(vec![1]);
+    put(vec![2]);
+    while server.asked()[1] == 0 {
+        tokio::task::yield_now().await;
     }
+    put(vec![3]);
     bucket.settle().await;
     assert_eq!(server.objects.lock().unwrap().len(), 3);
 }
