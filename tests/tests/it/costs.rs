@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 use descriptor::SearchSpace;
 use descriptor::structure::StructureSpace;
-use results::{TableName, read_evaluations, read_table};
+use results::{EvaluationRow, TableName, read_evaluations, read_table};
 
 use crate::experiments::{Experiment, clouds, digest, summary};
 use crate::process::run;
@@ -48,6 +48,23 @@ fn what_costs_too_much_has_fitness_0_and_is_not_evaluated() {
         assert!(verified.stdout.contains("sound: run digest"), "{verified}");
         let free = search("", fitness, "");
         assert_ne!(digest(&free.run("out", &[]).expect_success()), told["run_digest"]);
+    }
+}
+
+#[test]
+fn a_random_search_of_the_same_budget_spends_none_of_it_on_what_costs_too_much() {
+    let experiment = search(&format!("max_cost = {MAX_COST}"), "split = 1", "");
+    let finished = experiment.run("out", &["--local-workers", "1", "--control"]).expect_success();
+    assert!(
+        finished.stderr.contains("random search of 16 descriptors, as many as the run has met"),
+        "{finished}"
+    );
+    for run in ["out", "out-random"] {
+        let rows = read_evaluations(experiment.path(run)).unwrap();
+        let (dear, evaluated): (Vec<_>, Vec<_>) = rows.iter().partition(|row| row.margin == Some(-1.0));
+        assert!(!dear.is_empty(), "{run}");
+        let different: BTreeSet<String> = evaluated.iter().map(|row| format!("{:?}", row.genes)).collect();
+        assert_eq!(different.len(), 16, "{run}");
     }
 }
 
@@ -96,7 +113,8 @@ fn evaluate_tells_what_a_descriptor_costs() {
 #[test]
 fn an_objective_of_categories_orders_individuals_by_them() {
     let experiment = search("", "leave-one-out = 1\nobjective = \"category\"", "");
-    let told = summary(&experiment.run("out", &["--local-workers", "1"]).expect_success());
+    let finished = experiment.run("out", &["--local-workers", "1"]).expect_success();
+    let told = summary(&finished);
     let out = experiment.path("out");
     let rows = read_evaluations(&out).unwrap();
     assert!(rows.iter().all(|row| row.objective_correct == Some(row.counts.category_correct)));
@@ -108,6 +126,12 @@ fn an_objective_of_categories_orders_individuals_by_them() {
         let of_generation: Vec<_> = rows.iter().filter(|row| row.generation == number).collect();
         let most = of_generation.iter().map(|row| row.counts.category_correct).max().unwrap();
         assert_eq!(of_generation[best as usize].counts.category_correct, most, "generation {number}");
+        let wrong = |row: &&EvaluationRow| 100.0 * row.counts.category_error();
+        let mean = of_generation.iter().map(wrong).sum::<f64>() / of_generation.len() as f64;
+        let best_error = wrong(&of_generation[best as usize]);
+        let shown = format!(": best {best_error:.2} % mean {mean:.2} % ");
+        let line = |line: &&str| line.starts_with(&format!("generation {number}/"));
+        assert!(finished.stderr.lines().find(line).unwrap().contains(&shown), "{shown}: {finished}");
         let objects = of_generation.iter().map(|row| row.counts.object_correct).max().unwrap();
         differs |= of_generation[best as usize].counts.object_correct < objects;
     }

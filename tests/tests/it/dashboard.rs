@@ -36,6 +36,19 @@ fn looks(run: &Path) -> usize {
 }
 
 #[test]
+fn the_objectives_are_those_of_the_search() {
+    let search = "[search]\nmethod = \"nsga2\"\nobjectives = [\"error\", \"size\"]\n[ga]\npopulation = 8\n\
+                  [stop]\ngenerations = 1\n[coordinator]\naudit = 0\n";
+    let experiment = Experiment::new(search);
+    experiment.run("out", &["--local-workers", "1"]).expect_success();
+    let (_program, at) = dashboard(&experiment, &experiment.path("out"));
+    let list = get(&at, "/api/runs").json();
+    let id = list["runs"][0]["id"].as_str().unwrap().replace('/', "%2F");
+    let detail = get(&at, &format!("/api/run?id={id}")).json();
+    assert_eq!(detail["objectives"], json!(["error", "size"]));
+}
+
+#[test]
 fn a_finished_run_is_told_as_its_tables_have_it() {
     let demo = Experiment::with("");
     copy_folder(run_demo().folder(), demo.folder());
@@ -54,6 +67,7 @@ fn a_finished_run_is_told_as_its_tables_have_it() {
     assert_eq!(told["test_error"], json!(row.test.unwrap().object_error()));
     let detail = get(&at, "/api/run?id=runs%2Fdemo").json();
     assert_eq!(detail["digests"]["run_digest"], json!(finished.run_digest));
+    assert_eq!(detail["objectives"], json!(["error"]));
     assert_eq!(
         detail["answers"],
         json!([
