@@ -49,3 +49,8 @@ pub fn kept(folder: &Path, digest: &str) -> Option<Vec<CloudRecord>> {
     };
     read(folder).or_else(|| read(folder.parent()?))
 }
+
+/// Digest of a data set.
+pub fn data_digest(dataset: &Dataset) -> String {
+    proto::Digest(dataset.clouds.digest).to_string()
+}

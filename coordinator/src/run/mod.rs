@@ -50,6 +50,7 @@ use crate::storage;
 use transport::Port;
 
 use bounds::bounds;
+pub use clouds::data_digest;
 pub use contradiction::counts_text;
 pub use data::{DataError, open_data, write_synthetic};
 pub use directory::folder;
@@ -252,9 +253,4 @@ pub fn refuse_other_data(folder: &Path, then: &str, dataset: &Dataset) -> Result
     }
     let difference = clouds::difference(folder, then, dataset);
     Err(RunError::OtherData { folder: folder.to_owned(), then: then.to_owned(), now, difference })
-}
-
-/// Digest of a data set.
-pub fn data_digest(dataset: &Dataset) -> String {
-    proto::Digest(dataset.clouds.digest).to_string()
 }
