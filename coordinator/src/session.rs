@@ -239,6 +239,13 @@ impl<'a> Session<'a> {
         }
     }
 
+    /// Ends the quarantine of a principal, whose contributions are dropped again if it is wrong again; `false` if it is not
+    /// quarantined.
+    pub fn readmit(&self, principal: Principal) -> bool {
+        self.forgotten.lock().unwrap_or_else(PoisonError::into_inner).remove(&principal);
+        self.cluster.readmit(principal)
+    }
+
     /// The same as often as something happens.
     async fn watch_quarantine(&self, console: &Console) -> Infallible {
         let mut events = self.cluster.events();

@@ -98,8 +98,10 @@ pub struct Reply {
     pub run_ended: bool,
 }
 
-/// Until the next part of a stream is there.
-const CHUNK: Duration = Duration::from_secs(60);
+/// Until a stream begins: behind those of all other workers, which may be many.
+const QUEUED: Duration = Duration::from_secs(30 * 60);
+/// Until its next part is there; the coordinator gives up sooner.
+const CHUNK: Duration = Duration::from_secs(180);
 
 /// A lease with what is to be done under it.
 #[derive(Clone, Debug)]
@@ -178,14 +180,14 @@ impl Client {
     pub async fn fetch_blob(&self, digest: Digest, most: u64) -> Result<Option<Vec<u8>>, Status> {
         let request = v2::FetchBlobRequest { digest: digest.to_vec(), takes_lz4: true };
         let mut client = self.0.clone();
-        collect(within(CHUNK, client.fetch_blob(request)).await?.into_inner(), most).await
+        collect(within(QUEUED, client.fetch_blob(request)).await?.into_inner(), most).await
     }
 
     /// An entry of the coordinator's store, unchecked; `None` if it has more than `most` bytes.
     pub async fn fetch_derived(&self, kind: &str, key: Digest, most: u64) -> Result<Option<Vec<u8>>, Status> {
         let request = v2::FetchDerivedRequest { kind: kind.to_owned(), key: key.to_vec() };
         let mut client = self.0.clone();
-        collect(within(CHUNK, client.fetch_derived(request)).await?.into_inner(), most).await
+        collect(within(QUEUED, client.fetch_derived(request)).await?.into_inner(), most).await
     }
 
     /// URLs of objects in the bucket, in their order; `None` for those that there are none of.

@@ -7,7 +7,6 @@ use std::sync::Arc;
 use std::time::{Instant, SystemTime};
 
 use cache::Store;
-use cluster::Cluster;
 use cluster::scheduler::{ClientId, Provenance};
 use proto::Principal;
 use proto::task::DescriptorBytes;
@@ -105,8 +104,8 @@ impl<'a> RecordedSession<'a> {
     }
 
     /// Lets workers in. From now on, progress follows the session, and, as long as what this returns is kept, its events are
-    /// written, it is measured, and Slurm is asked for workers. Not before what an earlier start has left is discarded that
-    /// cannot be trusted: those who are readmitted are quarantined no more.
+    /// written, it is measured, and Slurm is asked for workers. Not before runs are discarded that an earlier start has
+    /// finished and that cannot be trusted: those who are readmitted are quarantined no more.
     ///
     /// # Errors
     /// If a principal is to be readmitted that is not quarantined, the file of events cannot be written, or Slurm cannot be
@@ -117,7 +116,8 @@ impl<'a> RecordedSession<'a> {
         progress: &mut Progress,
     ) -> Result<Attached, RunError> {
         let Self { session, experiment, options, out, .. } = self;
-        readmit(&session.cluster, &options.readmit)?;
+        session.forget_quarantined(progress.console()); // of an earlier start, which may have been killed before it could
+        readmit(session, &options.readmit)?;
         progress.follow(&session.cluster);
         progress.measure(options.metrics.as_ref(), out);
         let events = EventFile::open(options.events.as_deref(), &session.cluster).await?;
@@ -129,7 +129,6 @@ impl<'a> RecordedSession<'a> {
         let attach =
             |metrics: &Arc<MetricsSource>| metrics.attach(parts, session.presigner.clone(), refusals);
         let measured = options.metrics.as_ref().map(attach);
-        session.forget_quarantined(console); // of an earlier start, which may have been killed before it could
         Ok(Attached { events, measured, scaling })
     }
 
@@ -209,8 +208,8 @@ impl Attribution {
 }
 
 /// Ends the quarantine of these principals; they are newcomers.
-fn readmit(cluster: &Cluster, principals: &[Principal]) -> Result<(), RunError> {
-    match principals.iter().find(|principal| !cluster.readmit(**principal)) {
+fn readmit(session: &Session<'_>, principals: &[Principal]) -> Result<(), RunError> {
+    match principals.iter().find(|principal| !session.readmit(**principal)) {
         Some(&principal) => Err(RunError::NotQuarantined { principal }),
         None => Ok(()),
     }

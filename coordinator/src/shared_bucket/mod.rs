@@ -311,7 +311,7 @@ impl Entries {
         };
         let most = expected.len() as u64 + HEADER_BYTES;
         if size > most {
-            return Ok(self.of_large(key, size).await);
+            return Ok(self.of_large(key, size, expected).await);
         }
         let Some(bytes) = self.in_time(self.objects.read(key, most)).await? else {
             return Ok(Finding::Nothing);
@@ -321,9 +321,9 @@ impl Entries {
         tokio::task::spawn_blocking(compare).await.map_err(|error| error.to_string())
     }
 
-    /// What an entry is that has more bytes than it should, and that workers may read: whoever has signed for these bytes is
-    /// wrong, whatever was added to them.
-    async fn of_large(&self, key: Digest, size: u64) -> Finding {
+    /// What an entry is that has more bytes than it should: whoever has signed for these bytes is wrong, whatever was added to
+    /// them. Another may have taken its place until it is read.
+    async fn of_large(&self, key: Digest, size: u64, expected: Vec<u8>) -> Finding {
         let Ok(_alone) = self.large.acquire().await else { return Finding::Nothing }; // it is never closed
         if size > MAX_OBJECT_BYTES {
             return Finding::TooLarge;
@@ -332,8 +332,9 @@ impl Entries {
         let Ok(Ok(Some(bytes))) = tokio::time::timeout(PATIENCE_FOR_LARGE, read).await else {
             return Finding::TooLarge;
         };
-        let hashed = tokio::task::spawn_blocking(move || sha256_of(&bytes)).await;
-        hashed.map_or(Finding::TooLarge, Finding::Damaged)
+        let prepared = Arc::clone(&self.prepared);
+        let compare = move || compared(&prepared, key, &bytes, &expected);
+        tokio::task::spawn_blocking(compare).await.unwrap_or(Finding::TooLarge)
     }
 
     async fn in_time<T>(&self, answer: BoxFuture<'_, Result<T, String>>) -> Result<T, String> {

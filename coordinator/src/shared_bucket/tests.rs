@@ -63,7 +63,11 @@ struct Server {
     mode: Mode,
     objects: Arc<Mutex<HashMap<Digest, Vec<u8>>>>,
     reads: Arc<AtomicU32>,
+    swap: Swap,
 }
+
+/// An object, and what takes its place once its size was asked for.
+type Swap = Arc<Mutex<Option<(Digest, Vec<u8>)>>>;
 
 impl Server {
     fn answer<T: Send + 'static>(&self, answer: T) -> BoxFuture<'static, Result<T, String>> {
@@ -82,7 +86,10 @@ impl Server {
 impl Objects for Server {
     fn size(&self, key: Digest) -> BoxFuture<'static, Result<Option<u64>, String>> {
         self.reads.fetch_add(1, Ordering::Relaxed);
-        self.answer(self.objects.lock().unwrap().get(&key).map(|bytes| bytes.len() as u64))
+        let mut objects = self.objects.lock().unwrap();
+        let size = objects.get(&key).map(|bytes| bytes.len() as u64);
+        objects.extend(self.swap.lock().unwrap().take_if(|(swapped, _)| *swapped == key));
+        self.answer(size)
     }
 
     fn read(&self, key: Digest, most: u64) -> BoxFuture<'static, Result<Option<Vec<u8>>, String>> {
@@ -101,6 +108,7 @@ struct Bench {
     keys: Vec<Digest>,
     objects: Arc<Mutex<HashMap<Digest, Vec<u8>>>>,
     reads: Arc<AtomicU32>,
+    swap: Swap,
     _folder: TempDir,
 }
 
@@ -138,10 +146,12 @@ impl Bench {
         let prepared = PreparedClouds::new(store, &preprocess, std::slice::from_ref(&preparer), &clouds);
         let (objects, reads) =
             (Arc::<Mutex<HashMap<Digest, Vec<u8>>>>::default(), Arc::<AtomicU32>::default());
-        let server = Server { mode, objects: Arc::clone(&objects), reads: Arc::clone(&reads) };
+        let swap = Swap::default();
+        let (at, counted) = (Arc::clone(&objects), Arc::clone(&reads));
+        let server = Server { mode, objects: at, reads: counted, swap: Arc::clone(&swap) };
         let entries = Entries::new(Arc::new(prepared), cluster, Box::new(server));
         let entries = Arc::new(Entries { patience, ..entries });
-        Self { entries, keys, objects, reads, _folder: folder }
+        Self { entries, keys, objects, reads, swap, _folder: folder }
     }
 
     /// The entry of one cloud, with what another is when prepared.
@@ -226,6 +236,23 @@ async fn whoever_adds_to_a_wrong_cloud_more_bytes_than_one_has_is_quarantined_to
     }
     assert_eq!(bench.is_given(principal(9)).await, [[false].as_slice(), &[true; CLOUDS - 1]].concat());
     assert_eq!(bench.entries.cluster.quarantined(), [principal(2)].into());
+}
+
+#[tokio::test]
+async fn whoever_stores_a_right_cloud_is_not_blamed_for_what_was_there_before() {
+    let bench = Bench::new(1.0, Mode::Well);
+    let mut padded = bench.entry(0, 1);
+    padded.resize(1 << 20, 0);
+    bench.put(0, padded);
+    let right = bench.entry(0, 0);
+    assert!(bench.sign(0, &right, principal(1)).await);
+    *bench.swap.lock().unwrap() = Some((bench.keys[0], right));
+    for index in 1..CLOUDS {
+        bench.store(index, bench.entry(index, index), principal(1)).await;
+    }
+    assert_eq!(bench.is_given(principal(9)).await, [true; CLOUDS]);
+    assert!(bench.swap.lock().unwrap().is_none(), "it has taken its place in the middle of a check");
+    assert!(bench.entries.cluster.quarantined().is_empty());
 }
 
 #[tokio::test]

@@ -148,12 +148,13 @@ impl Scheduler {
     }
 
     /// Whether an answer of a principal would be one more. Where there is one already, a principal is asked no more whose
-    /// workers have failed, or gone with it in hand, as often as a job may, or as there are workers of it if these are more:
-    /// a job of which nobody can give a second answer would be tried without end.
+    /// workers have failed, or gone with it in hand, as often as a job may, or up to four times as often if it has as many
+    /// workers: a job of which nobody can give a second answer would be tried without end.
     pub(super) fn may_answer(&self, principal: Principal, job: &Job) -> bool {
         let workers = self.present.get(&principal).copied().unwrap_or_default();
         let is_tried = |attempts: &[FailedAttempt], most: u32| {
-            times_failed(attempts, principal) >= workers.max(most as usize)
+            let most = most as usize;
+            times_failed(attempts, principal) >= workers.clamp(most, most.saturating_mul(4))
         };
         let is_tried = || {
             is_tried(&job.failures, self.limits.max_failures) || is_tried(&job.losses, self.limits.max_losses)

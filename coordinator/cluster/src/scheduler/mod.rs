@@ -475,9 +475,18 @@ impl Scheduler {
     /// or it is to be audited, and there is another principal than the one that gave it. What only clients wait for that are
     /// paused counts if it `concerns` whoever asks: nobody else is to wait for as long as they are.
     pub fn in_doubt(&self, concerns: impl Fn(JobId) -> bool) -> bool {
-        let doubtful =
+        self.doubtful().any(|(id, job)| !self.is_held(job) || concerns(id))
+    }
+
+    /// The jobs in doubt that are held back because everybody who asks for them is paused.
+    pub fn held_in_doubt(&self) -> Vec<JobId> {
+        self.doubtful().filter(|(_, job)| self.is_held(job)).map(|(id, _)| id).collect()
+    }
+
+    fn doubtful(&self) -> impl Iterator<Item = (JobId, &Job)> {
+        let is_doubtful =
             |job: &Job| job.delivered && job.needs() > 0 && (job.is_disputed() || self.somebody_else(job));
-        self.jobs.iter().any(|(id, job)| doubtful(job) && (!self.is_held(job) || concerns(id)))
+        self.jobs.iter().filter(move |(_, job)| is_doubtful(job))
     }
 
     /// Ends all leases, because the run ends.

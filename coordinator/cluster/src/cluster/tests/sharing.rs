@@ -207,6 +207,27 @@ async fn results_are_checked_for_whoever_waits_for_that_while_all_others_are_pau
 }
 
 #[tokio::test]
+async fn what_a_paused_client_has_confirmed_is_confirmed_for_whoever_has_asked_for_it_too() {
+    let (cluster, answers) = (Cluster::new(LIMITS), Cell::new(0));
+    let mut first = cluster.client();
+    tokio::select! {
+        told = ask(&mut first, &[2]) => assert_eq!(told.unwrap(), [2]),
+        () = labour(&cluster, 1, &answers, |bins| bins) => unreachable!(),
+    }
+    let mut second = cluster.client();
+    assert_eq!(ask_nobody(&mut second, &[2]).await.unwrap(), [2]);
+    cluster.control(order(ControlAction::Pause), &[first.id()]).unwrap();
+    first.confirm(&evaluation_of(2).subject.descriptor);
+    tokio::select! {
+        biased; // the other worker comes first: somebody can confirm it
+        () = labour(&cluster, 2, &answers, |bins| bins) => unreachable!(),
+        confirmed = second.confirmed(|_| {}) => confirmed.unwrap(),
+    }
+    assert_eq!(answers.get(), 2);
+    assert!(cluster.is_paused(first.id()));
+}
+
+#[tokio::test]
 async fn what_an_operator_orders_is_done_once_and_told_to_everybody() {
     let (cluster, answers) = (Cluster::new(LIMITS), Cell::new(0));
     let [mut first, mut second] = [cluster.client(), cluster.client()];

@@ -88,7 +88,7 @@ impl World {
             lease: Duration::from_secs(30),
             job: Duration::from_secs(200),
             max_failures: [3, u32::MAX][random.random_range(0..2usize)],
-            max_losses: u32::MAX,
+            max_losses: [5, u32::MAX][random.random_range(0..2usize)],
             worker_grace: Duration::from_secs(100_000),
             max_workers: 100,
             audit: Audit { share, first: [2, 10][random.random_range(0..2usize)] },
