@@ -1,6 +1,6 @@
 //! Sick workers beside healthy ones: whose failures count against a job.
 
-use super::opinions::lie;
+use super::opinions::{audited, lie};
 use super::*;
 
 /// Has a worker take a job, if it is given one, and fail at it.
@@ -10,6 +10,14 @@ fn fail_next(bench: &mut Bench, number: u8) -> bool {
         bench.report(number, *lease, panicked("out of memory"));
     }
     !jobs.is_empty()
+}
+
+/// Has the first worker answer a job, and returns what was accepted.
+fn answered(bench: &mut Bench) -> Finished {
+    bench.submit();
+    let lease = bench.take(1);
+    bench.report(1, lease, good());
+    bench.scheduler.drain_finished().remove(0)
 }
 
 #[test]
@@ -120,10 +128,7 @@ fn of_one_principal_alone_as_many_workers_as_have_computed_others_are_enough() {
 fn a_confirmation_that_has_failed_is_tried_again_where_only_the_own_worker_may_answer() {
     let mut bench = Bench::new(2);
     bench.join_as(9, Principal::Coordinator).unwrap();
-    bench.submit();
-    let lease = bench.take(1);
-    bench.report(1, lease, good());
-    let accepted = bench.scheduler.drain_finished().remove(0);
+    let accepted = answered(&mut bench);
     bench.scheduler.confirm(&evaluation(), &accepted, ClientId::new(1), bench.now);
     assert!(fail_next(&mut bench, 9));
     assert!(bench.scheduler.in_doubt(|_| false));
@@ -157,8 +162,7 @@ fn what_the_own_worker_cannot_confirm_is_confirmed_by_a_second_principal() {
 #[test]
 fn a_second_answer_that_nobody_can_give_is_not_waited_for() {
     for is_delivered in [false, true] {
-        let mut bench = Bench::new(1);
-        bench.scheduler.trust = Trust::new(Audit { share: 1.0, first: 0 });
+        let mut bench = audited(1);
         if !is_delivered {
             bench.join(2).unwrap();
         }
@@ -196,8 +200,7 @@ fn a_second_answer_that_nobody_can_give_is_not_waited_for() {
 
 #[test]
 fn sick_machines_of_a_principal_leave_a_second_answer_to_its_healthy_ones() {
-    let mut bench = Bench::new(2);
-    bench.scheduler.trust = Trust::new(Audit { share: 1.0, first: 0 });
+    let mut bench = audited(2);
     let healthy = 2 + LIMITS.max_failures as u8;
     for number in 3..=healthy {
         bench.join_as(number, principal(2)).unwrap();
@@ -216,8 +219,7 @@ fn sick_machines_of_a_principal_leave_a_second_answer_to_its_healthy_ones() {
 
 #[test]
 fn a_second_answer_that_brings_workers_down_does_not_end_a_run() {
-    let mut bench = Bench::new(1);
-    bench.scheduler.trust = Trust::new(Audit { share: 1.0, first: 0 });
+    let mut bench = audited(1);
     bench.submit();
     let lease = bench.take(1);
     bench.report(1, lease, good());
@@ -240,10 +242,7 @@ fn a_second_answer_that_brings_workers_down_does_not_end_a_run() {
 fn what_the_own_worker_cannot_confirm_it_is_not_asked_again() {
     let mut bench = Bench::new(1);
     bench.join_as(9, Principal::Coordinator).unwrap();
-    bench.submit();
-    let lease = bench.take(1);
-    bench.report(1, lease, good());
-    let accepted = bench.scheduler.drain_finished().remove(0);
+    let accepted = answered(&mut bench);
     for _ in 0..2 {
         bench.scheduler.confirm(&evaluation(), &accepted, ClientId::new(1), bench.now);
         while fail_next(&mut bench, 9) {}
@@ -254,8 +253,7 @@ fn what_the_own_worker_cannot_confirm_it_is_not_asked_again() {
 
 #[test]
 fn whoever_fails_at_a_second_answer_keeps_it_from_nobody() {
-    let mut bench = Bench::new(3);
-    bench.scheduler.trust = Trust::new(Audit { share: 1.0, first: 0 });
+    let mut bench = audited(3);
     bench.submit();
     let lease = bench.take(1);
     bench.report(1, lease, lie());

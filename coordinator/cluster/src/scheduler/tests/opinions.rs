@@ -12,7 +12,8 @@ pub(super) fn lie() -> Result<TaskResult, Failure> {
     }))
 }
 
-fn audited(workers: u8) -> Bench {
+/// A bench where everything is audited.
+pub(super) fn audited(workers: u8) -> Bench {
     let mut bench = Bench::new(workers);
     bench.scheduler.trust = Trust::new(Audit { share: 1.0, first: 0 });
     bench
