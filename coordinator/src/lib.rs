@@ -19,6 +19,7 @@ mod fitness;
 mod front;
 mod in_process;
 mod lines;
+mod lock;
 mod looks;
 pub mod metrics;
 mod names;

@@ -1,4 +1,6 @@
-//! Text for people in lines that a terminal of 80 columns shows whole.
+//! Text for people, in lines that a terminal of 80 columns shows whole.
+
+use std::time::Duration;
 
 /// Columns of a terminal that need not be asked.
 pub const COLUMNS: usize = 80;
@@ -62,12 +64,35 @@ pub fn table(rows: &[Vec<String>]) -> String {
     rows.iter().map(line).collect()
 }
 
+/// A share as per cent with two digits, as tables of errors have it.
+pub fn percent(share: f64) -> String {
+    format!("{:.2} %", 100.0 * share)
+}
+
+/// A duration as people read it.
+pub fn clock(duration: Duration) -> String {
+    let seconds = duration.as_secs();
+    match (seconds / 3600, seconds / 60 % 60, seconds % 60) {
+        (0, 0, seconds) => format!("{seconds} s"),
+        (0, minutes, seconds) => format!("{minutes} min {seconds:02} s"),
+        (hours, minutes, _) => format!("{hours} h {minutes:02} min"),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use expect_test::expect;
     use proptest::prelude::*;
 
     use super::*;
+
+    #[test]
+    fn times_and_shares_read_naturally() {
+        assert_eq!(clock(Duration::from_secs(59)), "59 s");
+        assert_eq!(clock(Duration::from_secs(61)), "1 min 01 s");
+        assert_eq!(clock(Duration::from_secs(7_260)), "2 h 01 min");
+        assert_eq!(percent(104.0 / 352.0), "29.55 %");
+    }
 
     #[test]
     fn long_values_go_on_below_themselves() {

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::convert::Infallible;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use cache::{ByteSize, Store};
@@ -18,6 +18,7 @@ use crate::dataset::Dataset;
 use crate::experiment::{Experiment, LocalWorkers};
 use crate::fitness::Fitness;
 use crate::in_process::{self, InProcessWorkers};
+use crate::lock::lock;
 use crate::prepared::PreparedClouds;
 use crate::result_cache::{SearchCounts, Wrong, finished_runs, forget};
 use crate::run::fitness_batch::{Answer, FitnessBatch};
@@ -161,7 +162,7 @@ impl<'a> Session<'a> {
         }
         let threads = in_process::threads(workers);
         let workers = InProcessWorkers::start(&mut self.servers, &threads, &self.store, self.memory);
-        *self.in_process.lock().unwrap_or_else(PoisonError::into_inner) = Some(workers);
+        *lock(&self.in_process) = Some(workers);
     }
 
     /// Does `work` with the session's workers: waits for the first one, ends at the deadline or with a worker of this
@@ -173,7 +174,7 @@ impl<'a> Session<'a> {
         deadline: Option<Duration>,
         work: impl Future<Output = Result<T, RunError>>,
     ) -> Result<T, RunError> {
-        let workers = self.in_process.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let workers = lock(&self.in_process).take();
         let mut workers = workers.unwrap_or_default();
         if workers.is_empty() {
             console.say(
@@ -232,7 +233,7 @@ impl<'a> Session<'a> {
     /// Drops from the store what the principals have left that were quarantined, once.
     pub fn forget_quarantined(&self, console: &Console) {
         let mut wrong = self.cluster.quarantined();
-        let mut forgotten = self.forgotten.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut forgotten = lock(&self.forgotten);
         wrong.retain(|principal| forgotten.insert(*principal));
         if !wrong.is_empty() {
             self.forget(&Wrong::principals(wrong), console);
@@ -242,7 +243,7 @@ impl<'a> Session<'a> {
     /// Ends the quarantine of a principal, whose contributions are dropped again if it is wrong again; `false` if it is not
     /// quarantined.
     pub fn readmit(&self, principal: Principal) -> bool {
-        self.forgotten.lock().unwrap_or_else(PoisonError::into_inner).remove(&principal);
+        lock(&self.forgotten).remove(&principal);
         self.cluster.readmit(principal)
     }
 

@@ -78,7 +78,7 @@ mod recording {
     use std::borrow::Cow;
     use std::collections::BTreeMap;
     use std::fmt::Display;
-    use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+    use std::sync::{Arc, Mutex, Weak};
     use std::time::SystemTime;
 
     use cluster::Cluster;
@@ -93,13 +93,10 @@ mod recording {
     use worker::trace::{Exporter, exporter};
 
     use super::{Attribute, Attributes};
+    use crate::lock::lock;
 
     /// The session of this process: an interruption ends its spans.
     static LATEST: Mutex<Weak<Recorder>> = Mutex::new(Weak::new());
-
-    fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-        mutex.lock().unwrap_or_else(PoisonError::into_inner) // a span may be lost, not half of it
-    }
 
     /// The spans of a session; `None` if nobody wants them.
     pub struct Trace(Option<Arc<Recorder>>);

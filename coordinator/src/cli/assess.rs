@@ -8,9 +8,8 @@ use proto::Message;
 use serde_json::{Value, json};
 
 use crate::export::{self, Assessment, Rejected};
-use crate::lines::{labelled, table, wrapped};
+use crate::lines::{labelled, percent, table, wrapped};
 use crate::looks::Look;
-use crate::run::progress::percent;
 
 use super::layout::{LayoutArgs, LayoutName};
 use super::look::{LookArgs, noted};

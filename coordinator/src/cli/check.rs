@@ -12,8 +12,8 @@ use crate::exhaust::grid::Grid;
 use crate::experiment::{Experiment, Member, Overrides, Plan};
 use crate::fitness::FitnessProtocol;
 use crate::lines;
+use crate::lines::percent;
 use crate::run;
-use crate::run::progress::percent;
 use crate::run::search_space;
 
 /// Validate an experiment and its data; print what would be run

@@ -19,9 +19,8 @@ use crate::console::say;
 use crate::dataset::Listing;
 use crate::evaluate::{DescribedClouds, Report, Request, compared_by};
 use crate::experiment::name_advice;
-use crate::lines::wrapped;
+use crate::lines::{percent, wrapped};
 use crate::looks::Look;
-use crate::run::progress::percent;
 use crate::run::summary;
 
 /// Evaluate one descriptor on lists of clouds

@@ -5,8 +5,7 @@ use descriptor::recogniser::Calibration;
 use proto::Message;
 
 use crate::export::{FoldsBy, Reject};
-use crate::lines::labelled;
-use crate::run::progress::percent;
+use crate::lines::{labelled, percent};
 
 /// A share of false rejections.
 pub(super) fn rate(text: &str) -> Result<f64, String> {

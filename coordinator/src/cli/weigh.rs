@@ -9,8 +9,7 @@ use clap::Args;
 use descriptor::weigh::Weighing;
 
 use crate::export::{self, DescriptorChoice};
-use crate::lines::labelled;
-use crate::run::progress::percent;
+use crate::lines::{labelled, percent};
 
 /// Weigh the values of a run's descriptor by how well they tell training objects apart
 ///

@@ -1,6 +1,6 @@
 //! How far a comparison is: a live line on a terminal, a line for each tenth elsewhere, always on standard error.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard};
 use std::time::Duration;
 
 use cluster::Cluster;
@@ -8,6 +8,7 @@ use cluster::events::EventCursor;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::console::{Console, has_viewer};
+use crate::lock::lock;
 
 /// Clouds that are done under each descriptor.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -98,7 +99,7 @@ impl Display {
     /// Workers came or went, or something unusual happened.
     pub fn news(&self) {
         let Some(events) = &self.events else { return };
-        let events = events.lock().unwrap_or_else(PoisonError::into_inner).read_to_end();
+        let events = lock(events).read_to_end();
         for event in events.iter().filter(|event| event.kind.is_news()) {
             self.say(&event.kind.to_string());
         }
@@ -141,7 +142,7 @@ impl Display {
 
     fn stage(&self) -> MutexGuard<'_, Stage> {
         // Counts for people: no state of them is wrong.
-        self.stage.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.stage)
     }
 }
 

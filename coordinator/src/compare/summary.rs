@@ -12,8 +12,7 @@ use super::candidate::PAPER;
 use super::differences::{SIGNIFICANCE, probability};
 use super::foreign::GIVEN;
 use super::verdict::verdict;
-use crate::lines::{table, wrapped};
-use crate::run::progress::percent;
+use crate::lines::{percent, table, wrapped};
 
 /// What a comparison amounts to.
 #[derive(Clone, Debug)]

@@ -6,7 +6,7 @@ use results::{ComparedRow, FrontRow, PairRow, holm};
 
 use super::candidate::{EVOLVED, L1_SUFFIX, PAPER, label, point_name, split_label};
 use super::differences::{Level, SIGNIFICANCE, probability};
-use crate::run::progress::percent;
+use crate::lines::percent;
 
 /// A sentence on the run's descriptor against the paper's, and one against that of the others with fewest errors; and of
 /// each recogniser that learns one against the nearest cloud, and one against the others by the same recogniser. None

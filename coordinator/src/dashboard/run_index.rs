@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
@@ -11,6 +11,7 @@ use super::error::DashboardError;
 use super::folders::{Found, Kind, find};
 use super::shown::Shown;
 use crate::exhaust::is_landscape_of;
+use crate::lock::lock;
 
 /// Folders are not looked through again before this.
 const EVERY: Duration = Duration::from_secs(2);
@@ -108,6 +109,6 @@ impl RunIndex {
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.state)
     }
 }

@@ -1,6 +1,6 @@
 //! One run that a dashboard shows: its feed, its clouds, and what is asked about them.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 use descriptor::Descriptor;
@@ -17,6 +17,7 @@ use crate::dataset::SPLITS;
 use crate::dataset::record::CloudRecord;
 use crate::examine::{DecimatedCloud, Examiner};
 use crate::experiment::Experiment;
+use crate::lock::lock;
 use crate::looks;
 use crate::reopen::winner_of;
 use crate::report::told;
@@ -241,8 +242,4 @@ impl Shown {
         }
         Ok(())
     }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

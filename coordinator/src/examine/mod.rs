@@ -8,7 +8,7 @@ mod tests;
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use descriptor::{
     ChannelLayout, Cloud, Describer, Descriptor, Preprocess, SetDistance, Signature, Signatures, cloud_file,
@@ -21,6 +21,7 @@ use crate::dataset::record::CloudRecord;
 use crate::dataset::{SPLITS, cloud_bytes};
 use crate::evaluate::{Seconds, stages};
 use crate::experiment::Experiment;
+use crate::lock::lock;
 use crate::run::clouds::listed;
 pub use error::ExamineError;
 pub use points::DecimatedCloud;
@@ -310,8 +311,4 @@ impl Examiner {
 
 fn sum(parts: &[f64]) -> f64 {
     parts.iter().sum()
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -9,8 +9,7 @@ use results::{CountRow, FinishedGrid};
 use serde_json::{Value, json};
 
 use super::Recheck;
-use crate::lines::labelled;
-use crate::run::progress::{clock, percent};
+use crate::lines::{clock, labelled, percent};
 use crate::run::summary::genes_json;
 
 /// Best descriptors that are shown.

@@ -12,7 +12,7 @@ use results::{Counts, RunRow, wilson};
 
 use super::DescriptorChoice;
 use super::reject::{FoldsBy, Reject};
-use crate::run::progress::percent;
+use crate::lines::percent;
 
 /// Everything the text is made of.
 pub(super) struct About<'a> {

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::SystemTime;
 
 use cache::{Store, TierReads};
@@ -10,6 +10,8 @@ use cluster::Cluster;
 use cluster::counters::Histogram;
 use cluster::scheduler::SchedulerMetrics;
 use transport::{Presigner, RefusalLog, UrlCounts};
+
+use crate::lock::lock;
 
 /// How far a run is.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -175,7 +177,7 @@ impl MetricsSource {
 
     fn state(&self) -> MutexGuard<'_, State> {
         // Every change of it is a single assignment.
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.state)
     }
 }
 

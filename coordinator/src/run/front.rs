@@ -6,7 +6,7 @@ use results::{Counts, FrontRow, wilson};
 use serde_json::{Value, json};
 
 use crate::fitness::{Fitness, Measured};
-use crate::run::progress::percent;
+use crate::lines::percent;
 
 /// Most points that the text shows, beside those that are marked.
 const SHOWN: usize = 10;

@@ -2,13 +2,15 @@
 
 use std::io::{self, IsTerminal as _};
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use descriptor::Descriptor;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::console::{Console, has_viewer, say};
+use crate::lines::{clock, percent};
+use crate::lock::lock;
 use crate::metrics::{MetricsSource, RunMetrics};
 use crate::run::tally::Tally;
 use cluster::events::EventCursor;
@@ -381,38 +383,15 @@ impl Progress {
 }
 
 fn print_news(events: &Mutex<EventCursor>, console: &Console) {
-    let events = events.lock().unwrap_or_else(PoisonError::into_inner).read_to_end();
+    let events = lock(events).read_to_end();
     for event in events.iter().filter(|event| event.kind.is_news()) {
         console.say(&event.kind.to_string());
-    }
-}
-
-/// A share as per cent with two digits, as tables of errors have it.
-pub fn percent(share: f64) -> String {
-    format!("{:.2} %", 100.0 * share)
-}
-
-/// A duration as people read it.
-pub fn clock(duration: Duration) -> String {
-    let seconds = duration.as_secs();
-    match (seconds / 3600, seconds / 60 % 60, seconds % 60) {
-        (0, 0, seconds) => format!("{seconds} s"),
-        (0, minutes, seconds) => format!("{minutes} min {seconds:02} s"),
-        (hours, minutes, _) => format!("{hours} h {minutes:02} min"),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn times_and_shares_read_naturally() {
-        assert_eq!(clock(Duration::from_secs(59)), "59 s");
-        assert_eq!(clock(Duration::from_secs(61)), "1 min 01 s");
-        assert_eq!(clock(Duration::from_secs(7_260)), "2 h 01 min");
-        assert_eq!(percent(104.0 / 352.0), "29.55 %");
-    }
 
     /// The display of a search of which so many generations are there already.
     fn begun(generations: u32, budget: Option<u32>, found: u32) -> Progress {

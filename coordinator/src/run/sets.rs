@@ -9,8 +9,8 @@ use serde_json::{Value, json};
 
 use crate::compare::{EVOLVED, PAPER};
 use crate::dataset::{Clouds, Dataset};
+use crate::lines::percent;
 use crate::run::matching::Matching;
-use crate::run::progress::percent;
 
 /// The sets with a weight above 0, by number.
 pub fn with_weight(weights: &[u32]) -> Vec<u32> {

@@ -11,8 +11,7 @@ use results::{ComparedRow, Counts, FrontRow, PairRow, RunRow, SetRow, wilson};
 use serde_json::{Map, Value, json};
 
 use crate::compare::verdict;
-use crate::lines::{labelled, table};
-use crate::run::progress::{clock, percent};
+use crate::lines::{clock, labelled, percent, table};
 use crate::run::{front, sets};
 
 /// What a finished run amounts to; made from the row of table `run`, so that it can be shown again at any time.

@@ -1,7 +1,9 @@
 //! What the runs of a sweep have done together, for the live line that they share.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard};
 use std::time::Instant;
+
+use crate::lock::lock;
 
 /// Counts over all runs of a sweep.
 pub struct Tally {
@@ -61,6 +63,6 @@ impl Tally {
     }
 
     fn counts(&self) -> MutexGuard<'_, Counts> {
-        self.counts.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.counts)
     }
 }

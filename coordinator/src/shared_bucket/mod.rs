@@ -4,7 +4,7 @@ mod entry_trust;
 
 use std::collections::{HashMap, HashSet};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
 use cache::Store;
@@ -19,6 +19,7 @@ use tokio::sync::Semaphore;
 use transport::{ObjectRequest, Presign, Presigner, SignedUrl};
 use worker::{MAX_OBJECT_BYTES, PREPARED_CLOUD};
 
+use crate::lock::lock;
 #[cfg(not(feature = "s3"))]
 pub use crate::no_bucket::{Bucket, BucketError};
 use crate::prepared::PreparedClouds;
@@ -378,10 +379,6 @@ impl Entries {
     fn trust(&self) -> MutexGuard<'_, EntryTrust> {
         lock(&self.trust)
     }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner) // what is done under it does not panic half-way
 }
 
 /// Counts one more, and returns how many there are if that is to be said: of many, 1, 2, 4, …

@@ -10,13 +10,14 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::mpsc::{self, RecvTimeoutError, Sender};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use cluster::Cluster;
 
 use crate::console::Console;
+use crate::lock::lock;
 pub use error::SlurmError;
 use scaler::{Decision, Scaler, SlurmJob};
 use worker_line::IDLE_SECONDS;
@@ -54,7 +55,7 @@ pub struct SlurmWorkers {
 /// Cancels workers that still wait for a place, as this process is about to end and nobody goes on with its run by itself;
 /// returns what becomes of the others, if there may be any.
 pub fn interrupted() -> Option<String> {
-    let name = ASKING.lock().unwrap_or_else(PoisonError::into_inner).take()?;
+    let name = lock(&ASKING).take()?;
     cancel_waiting(&name);
     let minutes = IDLE_SECONDS / 60;
     Some(format!(
@@ -87,7 +88,7 @@ impl Scaling {
         }
         let queue = Queue::open(workers, out)?;
         queue.try_out()?;
-        *ASKING.lock().unwrap_or_else(PoisonError::into_inner) = Some(queue.name.clone());
+        *lock(&ASKING) = Some(queue.name.clone());
         let (stop, stopped) = mpsc::channel::<()>();
         let (cluster, console) = (Arc::clone(cluster), console.clone());
         let scaler = Scaler::new(workers.most, workers.threads);
@@ -110,7 +111,7 @@ impl Scaling {
 impl Drop for Scaling {
     fn drop(&mut self) {
         self.stop = None;
-        *ASKING.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        *lock(&ASKING) = None;
         if let Some(thread) = self.thread.take() {
             let _ = thread.join(); // its panic has been reported
         }

@@ -7,8 +7,7 @@ use results::Counts;
 use serde_json::{Value, json};
 
 use super::verdict::{Seed, variant, verdicts};
-use crate::lines::{labelled, table};
-use crate::run::progress::percent;
+use crate::lines::{labelled, percent, table};
 use crate::run::summary::Summary;
 
 /// Digits of a run digest that tell a sweep's runs apart at a glance; `verify` and the tables have all.

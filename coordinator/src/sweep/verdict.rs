@@ -5,7 +5,7 @@ use descriptor::recogniser::Method;
 use results::{ComparedRow, Counts, PairRow, RunRow};
 
 use crate::compare::{Difference, differences};
-use crate::run::progress::percent;
+use crate::lines::percent;
 
 /// A finished member of a sweep, as far as a verdict needs it.
 pub struct Seed<'a> {
