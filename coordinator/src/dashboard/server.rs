@@ -63,9 +63,7 @@ pub async fn serve(server: Arc<Server>, connections: mpsc::Receiver<WebConnectio
 
 /// Lets in who may come in, and protects every answer.
 async fn check(State(server): Shared, mut request: Request, next: Next) -> Response {
-    let authority = request.uri().authority().map(|authority| authority.as_str().to_owned());
-    let checked = server.access.check(request.method(), request.headers(), authority.as_deref());
-    let mut response = match checked {
+    let mut response = match server.access.admit(&request) {
         Err(refusal) => refused(refusal),
         Ok(right) if right < needed(request.uri().path()) => refused(Refusal::Token),
         Ok(right) => {

@@ -18,14 +18,15 @@ pub struct Server {
     pub runs: RunIndex,
     /// Who may come in.
     pub access: Access,
-    reading: Semaphore,
-    computing: Semaphore,
+    reading: Arc<Semaphore>,
+    computing: Arc<Semaphore>,
 }
 
 impl Server {
     /// Of these runs, for whom `access` lets in.
     pub fn new(runs: RunIndex, access: Access) -> Self {
-        Self { runs, access, reading: Semaphore::new(READING), computing: Semaphore::new(COMPUTING) }
+        let [reading, computing] = [READING, COMPUTING].map(|permits| Arc::new(Semaphore::new(permits)));
+        Self { runs, access, reading, computing }
     }
 
     /// Reads on another thread, some at a time.
@@ -46,12 +47,16 @@ impl Server {
 
     async fn elsewhere<T: Send + 'static>(
         self: &Arc<Self>,
-        permits: &Semaphore,
+        permits: &Arc<Semaphore>,
         work: impl FnOnce(&Self) -> T + Send + 'static,
     ) -> Option<T> {
-        let _permit = permits.acquire().await.ok()?;
+        let permit = Arc::clone(permits).acquire_owned().await.ok()?;
         let server = Arc::clone(self);
-        tokio::task::spawn_blocking(move || work(&server)).await.ok()
+        let working = tokio::task::spawn_blocking(move || {
+            let _permit = permit; // the work goes on where the viewer has gone
+            work(&server)
+        });
+        working.await.ok()
     }
 
     /// The runs in short, as JSON, for who may do this. Blocks.

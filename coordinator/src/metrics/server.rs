@@ -30,7 +30,7 @@ struct Server {
     source: Arc<MetricsSource>,
     registry: Registry,
     access: Access,
-    looks: Semaphore,
+    looks: Arc<Semaphore>,
 }
 
 type Shared = State<Arc<Server>>;
@@ -39,7 +39,7 @@ type Shared = State<Arc<Server>>;
 pub fn router(source: Arc<MetricsSource>, access: Access) -> Router {
     let mut registry = Registry::default();
     registry.register_collector(Box::new(Collector(Arc::clone(&source))));
-    let server = Arc::new(Server { source, registry, access, looks: Semaphore::new(LOOKS) });
+    let server = Arc::new(Server { source, registry, access, looks: Arc::new(Semaphore::new(LOOKS)) });
     Router::new()
         .route("/metrics", get(metrics))
         .route("/healthz", get(healthz))
@@ -51,9 +51,8 @@ pub fn router(source: Arc<MetricsSource>, access: Access) -> Router {
 
 /// Lets in who may come in: probes tell nobody anything, and need not show a token.
 async fn check(State(server): Shared, request: Request, next: Next) -> Response {
-    let authority = request.uri().authority().map(|authority| authority.as_str().to_owned());
     let needed = if request.uri().path() == "/metrics" { Right::View } else { Right::Page };
-    let mut response = match server.access.check(request.method(), request.headers(), authority.as_deref()) {
+    let mut response = match server.access.admit(&request) {
         Err(refusal) => refused(refusal),
         Ok(right) if right < needed => refused(Refusal::Token),
         Ok(_) => next.run(request).await,
@@ -81,11 +80,13 @@ async fn look<T: Send + 'static>(
     look: impl FnOnce(&Server) -> T + Send + 'static,
 ) -> Option<T> {
     let looked = async {
-        let permit = server.looks.acquire().await.ok()?;
+        let permit = Arc::clone(&server.looks).acquire_owned().await.ok()?;
         let shared = Arc::clone(server);
-        let looked = tokio::task::spawn_blocking(move || look(&shared)).await.ok();
-        drop(permit);
-        looked
+        let looked = tokio::task::spawn_blocking(move || {
+            let _permit = permit; // a thread that nobody waits for any more still looks
+            look(&shared)
+        });
+        looked.await.ok()
     };
     tokio::time::timeout(PATIENCE, looked).await.ok().flatten()
 }

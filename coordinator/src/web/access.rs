@@ -1,10 +1,14 @@
 //! Who may look, and who may act: what a request has to show, and from which page it may come.
 
 use std::net::SocketAddr;
+use std::sync::Arc;
 
+use axum::extract::Request;
 use axum::http::header::{AUTHORIZATION, COOKIE, HOST, ORIGIN};
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode};
 use transport::WebTokens;
+
+use super::peer::Peer;
 
 /// Name of the cookie that has a token.
 const COOKIE_NAME: &str = "descry-dashboard";
@@ -75,16 +79,22 @@ impl Access {
         Self { tokens, is_loopback: address.ip().is_loopback(), port: address.port() }
     }
 
-    /// What a request may do.
+    /// What a request may do; where that is more than to fetch the page, its connection is let in.
     ///
     /// # Errors
     /// If it comes from elsewhere, whatever it shows.
-    pub fn check(
-        &self,
-        method: &Method,
-        headers: &HeaderMap,
-        authority: Option<&str>,
-    ) -> Result<Right, Refusal> {
+    pub fn admit(&self, request: &Request) -> Result<Right, Refusal> {
+        let authority = request.uri().authority().map(|authority| authority.as_str());
+        let right = self.check(request.method(), request.headers(), authority)?;
+        if right > Right::Page
+            && let Some(peer) = request.extensions().get::<Arc<Peer>>()
+        {
+            peer.let_in();
+        }
+        Ok(right)
+    }
+
+    fn check(&self, method: &Method, headers: &HeaderMap, authority: Option<&str>) -> Result<Right, Refusal> {
         let host =
             headers.get(HOST).and_then(|host| host.to_str().ok()).or(authority).ok_or(Refusal::Host)?;
         // A name that leads to this machine is no proof: its owner can let it lead here.

@@ -1,8 +1,9 @@
 //! Serving HTTP to those who watch runs: the loop that answers connections, and who is let in.
 
 pub mod access;
+pub mod peer;
 
-use std::future::{pending, ready};
+use std::future::ready;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -12,30 +13,29 @@ use axum::middleware::map_request;
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use hyper_util::server::conn::auto::Builder;
 use hyper_util::service::TowerToHyperService;
-use tokio::sync::{Notify, mpsc};
+use tokio::sync::mpsc;
 use transport::WebConnection;
 
-/// Whoever has not asked for anything by then loses the connection, of which there are few.
-const FIRST_REQUEST: Duration = Duration::from_secs(30);
+use peer::Peer;
+
+/// Whoever asks for nothing for so long, and was never let in, loses the connection, of which there are few.
+const IDLE: Duration = Duration::from_secs(30);
 /// How often a peer that says nothing is asked whether it is still there.
 const KEEP_ALIVE: Duration = Duration::from_secs(30);
 
 /// Answers requests of all connections as long as they come.
 pub async fn serve(router: Router, connections: mpsc::Receiver<WebConnection>) {
-    serve_within(FIRST_REQUEST, router, connections).await;
+    serve_within(IDLE, router, connections).await;
 }
 
-async fn serve_within(
-    first_request: Duration,
-    router: Router,
-    mut connections: mpsc::Receiver<WebConnection>,
-) {
+async fn serve_within(idle: Duration, router: Router, mut connections: mpsc::Receiver<WebConnection>) {
     while let Some(WebConnection { stream, permit }) = connections.recv().await {
-        let asked = Arc::new(Notify::new());
+        let peer = Arc::new(Peer::new(permit));
         let note = {
-            let asked = Arc::clone(&asked);
-            move |request: Request| {
-                asked.notify_one();
+            let peer = Arc::clone(&peer);
+            move |mut request: Request| {
+                peer.note_request();
+                request.extensions_mut().insert(Arc::clone(&peer));
                 ready(request)
             }
         };
@@ -49,59 +49,65 @@ async fn serve_within(
                 .timer(TokioTimer::new())
                 .keep_alive_interval(KEEP_ALIVE)
                 .max_concurrent_streams(64);
-            // The builder waits for as long as a peer likes until it knows which version of HTTP it speaks.
-            let silence = async {
-                if tokio::time::timeout(first_request, asked.notified()).await.is_ok() {
-                    pending().await
-                }
-            };
             tokio::select! {
                 // What a viewer does to its own connection concerns nobody else.
                 _ = builder.serve_connection(TokioIo::new(stream), service) => {}
-                () = silence => {}
+                // HTTP itself sets no end to a peer that begins no request, sends one byte by byte, or answers pings alone.
+                () = peer.until_idle(idle) => {}
             }
-            drop(permit);
         });
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use axum::routing::get;
-    use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _, DuplexStream, duplex};
-    use tokio::sync::Semaphore;
+    use axum::Extension;
+    use axum::routing::{get, post};
+    use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+    use tokio::net::TcpStream;
+    use transport::{Protection, WebListener};
 
     use super::*;
 
-    /// The peer's end of a connection that is served.
-    async fn connected(permits: &Arc<Semaphore>, served: &mpsc::Sender<WebConnection>) -> DuplexStream {
-        let (peer, stream) = duplex(4096);
-        let permit = Arc::clone(permits).acquire_owned().await.unwrap();
-        assert!(served.send(WebConnection { stream: Box::new(stream), permit }).await.is_ok());
-        peer
+    /// Sends a request, and reads its answer.
+    async fn ask(viewer: &mut TcpStream, path: &str, answer: &str) {
+        viewer.write_all(format!("GET {path} HTTP/1.1\r\nhost: here\r\n\r\n").as_bytes()).await.unwrap();
+        let mut read = Vec::new();
+        while !read.ends_with(answer.as_bytes()) {
+            assert!(viewer.read_buf(&mut read).await.unwrap() > 0, "closed");
+        }
     }
 
     #[tokio::test]
-    async fn whoever_asks_for_nothing_loses_the_connection_and_others_keep_theirs() {
-        let (served, connections) = mpsc::channel(1);
-        let router = Router::new().route("/", get(|| async { "there" }));
-        tokio::spawn(serve_within(Duration::from_millis(100), router, connections));
-        let permits = Arc::new(Semaphore::new(4));
-        let mut viewer = connected(&permits, &served).await;
-        let mut ask = async || {
-            viewer.write_all(b"GET / HTTP/1.1\r\nhost: here\r\n\r\n").await.unwrap();
-            let mut answer = Vec::new();
-            while !answer.ends_with(b"there") {
-                assert!(viewer.read_buf(&mut answer).await.unwrap() > 0, "closed");
-            }
+    async fn whoever_is_idle_and_was_never_let_in_loses_the_connection_and_others_keep_theirs() {
+        let let_in = |Extension(peer): Extension<Arc<Peer>>| async move {
+            peer.let_in();
+            "let in"
         };
-        ask().await;
-        for begun in ["", "P", "PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"] {
-            let mut silent = connected(&permits, &served).await;
+        let router = Router::new()
+            .route("/", get(let_in))
+            .route("/public", get(|| async { "public" }))
+            .route("/login", post(|_: String| async { "login" }));
+        let (free, protection) = ("127.0.0.1:0".parse().unwrap(), Protection::default());
+        let listener = WebListener::bind("dashboard", free, &protection).await.unwrap();
+        let address = listener.address;
+        tokio::spawn(serve_within(Duration::from_millis(100), router, listener.accept()));
+        let mut viewer = TcpStream::connect(address).await.unwrap();
+        ask(&mut viewer, "/", "let in").await;
+        let begun = [
+            "",
+            "P",
+            "PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n",
+            "POST /login HTTP/1.1\r\nhost: here\r\ncontent-length: 100\r\n\r\n{",
+        ];
+        for begun in begun {
+            let mut silent = TcpStream::connect(address).await.unwrap();
             silent.write_all(begun.as_bytes()).await.unwrap();
             let _ = silent.read_to_end(&mut Vec::new()).await; // until it is closed
         }
-        ask().await;
-        assert!(permits.available_permits() >= 3);
+        let mut stranger = TcpStream::connect(address).await.unwrap();
+        ask(&mut stranger, "/public", "public").await;
+        let _ = stranger.read_to_end(&mut Vec::new()).await;
+        ask(&mut viewer, "/public", "public").await;
     }
 }

@@ -21,6 +21,7 @@ mod web;
 mod wire;
 
 pub use deny_list::{DenyError, deny};
+pub use limiter::ConnectionPermit;
 pub use listen_error::ListenError;
 pub use listener::Listener;
 pub use port::{Port, Protection};

@@ -12,15 +12,18 @@ use proto::Token;
 use proto::tls::{TlsFilesError, read_identity};
 use rustls::ServerConfig;
 use tokio::net::TcpListener;
-use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
+use tokio::sync::mpsc;
 use tokio_rustls::TlsAcceptor;
 
 use crate::connection::{FIRST_CALL, Stream};
 use crate::host_name;
+use crate::limiter::{ConnectionLimiter, ConnectionLimits, ConnectionPermit};
 use crate::port::Protection;
+use crate::refusals::RefusalLog;
 
-/// Connections at a time; each viewer has one that stays and some that come and go.
-const CONNECTIONS: usize = 512;
+/// Connections at a time: each viewer has one that stays and some that come and go. Whoever was not let in leaves room for
+/// those who were, and one address for others.
+const LIMITS: ConnectionLimits = ConnectionLimits { all: 512, origin: 256, pending: 256, origin_pending: 64 };
 /// Pause after a connection that could not be accepted.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
 /// Who shows it may look.
@@ -106,8 +109,8 @@ pub struct WebListener {
 pub struct WebConnection {
     /// Its bytes.
     pub stream: Box<dyn Stream>,
-    /// To be kept as long as it lasts.
-    pub permit: OwnedSemaphorePermit,
+    /// To be kept as long as it lasts, and to be told when a request was let in.
+    pub permit: ConnectionPermit,
 }
 
 impl WebListener {
@@ -178,19 +181,24 @@ async fn accept(
     acceptor: Option<TlsAcceptor>,
     sender: mpsc::Sender<WebConnection>,
 ) {
-    let permits = Arc::new(Semaphore::new(CONNECTIONS));
-    while let Ok(permit) = Arc::clone(&permits).acquire_owned().await {
+    let limiter = ConnectionLimiter::new(LIMITS);
+    let refusals = RefusalLog::default();
+    loop {
         let accepted = tokio::select! {
             accepted = listener.accept() => accepted,
             () = sender.closed() => return,
         };
-        let stream = match accepted {
-            Ok((stream, _)) => stream,
+        let (stream, peer) = match accepted {
+            Ok(accepted) => accepted,
             Err(error) => {
                 tracing::warn!("{what}: cannot accept a connection, got {error}");
                 tokio::time::sleep(ACCEPT_PAUSE).await;
                 continue;
             }
+        };
+        let Some(permit) = limiter.acquire(peer.ip()) else {
+            refusals.note("too many connections of viewers", peer.ip());
+            continue;
         };
         let _ = stream.set_nodelay(true); // only latency is at stake
         let (acceptor, sender) = (acceptor.clone(), sender.clone());
@@ -256,6 +264,9 @@ fn read_or_make(path: &Path) -> io::Result<Token> {
 mod tests {
     use std::os::unix::fs::PermissionsExt as _;
 
+    use tokio::io::AsyncReadExt as _;
+    use tokio::net::TcpStream;
+
     use super::*;
     use crate::certs::{Site, make_folder, validity};
 
@@ -281,6 +292,24 @@ mod tests {
         std::fs::write(folder.join(VIEW_TOKEN_FILE), "short").unwrap();
         let refused = bind("0.0.0.0:0", tls()).await.err().unwrap().to_string();
         assert!(refused.contains("dashboard-view: cannot be used as a token"), "{refused}");
+    }
+
+    #[tokio::test]
+    async fn whoever_is_not_let_in_leaves_room_for_others() {
+        let address = "127.0.0.1:0".parse().unwrap();
+        let listener = WebListener::bind("dashboard", address, &Protection::default()).await.unwrap();
+        let address = listener.address;
+        let mut connections = listener.accept();
+        let mut held = Vec::new();
+        for _ in 0..LIMITS.origin_pending {
+            let peer = TcpStream::connect(address).await.unwrap();
+            held.push((peer, connections.recv().await.unwrap()));
+        }
+        let mut refused = TcpStream::connect(address).await.unwrap();
+        assert!(matches!(refused.read(&mut [0]).await, Ok(0) | Err(_)), "closed");
+        held[0].1.permit.establish();
+        let _viewer = TcpStream::connect(address).await.unwrap();
+        assert!(connections.recv().await.is_some());
     }
 
     #[tokio::test]
