@@ -169,8 +169,11 @@ pub(super) struct Taken {
     /// What it says, and of which member; what is wrong with it.
     pub(super) request: Result<(Request, Option<String>), String>,
     /// Where the answer goes.
-    answer: PathBuf,
+    pub(super) answer: AnswerFile,
 }
+
+/// The file that whoever waits for an answer looks for.
+pub(super) struct AnswerFile(PathBuf);
 
 impl Requests {
     /// The requests to the coordinator at work in this folder, which holds its journal: those that are there are of an
@@ -229,7 +232,7 @@ impl Requests {
             let unreadable = |error| format!("request: cannot be read, got {error}\nuse coordinator control");
             let request = read.map_err(unreadable).and_then(|bytes| Request::decode(&bytes));
             let answer = self.folder.join(format!("{ANSWER}{number}{EXTENSION}"));
-            taken.push(Taken { request, answer });
+            taken.push(Taken { request, answer: AnswerFile(answer) });
             if taken.len() == MAX_AT_ONCE {
                 break;
             }
@@ -248,11 +251,11 @@ impl Requests {
     }
 }
 
-impl Taken {
-    /// Tells whoever waits what became of it. They may be gone.
-    pub(super) fn answer(&self, answer: &Answer) {
-        if let Err(error) = atomic::write(&self.answer, &answer.encode()) {
-            tracing::warn!("{}: cannot be written, got {error}", self.answer.display());
+impl AnswerFile {
+    /// Tells whoever waits what became of the request. They may be gone. Blocks.
+    pub(super) fn send(&self, answer: &Answer) {
+        if let Err(error) = atomic::write(&self.0, &answer.encode()) {
+            tracing::warn!("{}: cannot be written, got {error}", self.0.display());
         }
     }
 }
@@ -339,7 +342,7 @@ mod tests {
         let bad: Vec<&String> = taken.iter().filter_map(|taken| taken.request.as_ref().err()).collect();
         assert_eq!(bad.len(), 4, "{bad:?}");
         assert!(bad.iter().any(|error| error.contains("got more than 8192 bytes")), "{bad:?}");
-        taken.iter().for_each(|taken| taken.answer(&Answer::Error("no".to_owned())));
+        taken.iter().for_each(|taken| taken.answer.send(&Answer::Error("no".to_owned())));
         assert!(requests.take().is_empty());
         let left = names(folder.path());
         assert_eq!(left.iter().filter(|name| name.starts_with(ANSWER)).count(), 5, "{left:?}");

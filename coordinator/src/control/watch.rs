@@ -79,7 +79,7 @@ impl Operator<'_> {
             };
             self.requests = requests;
             for taken in taken {
-                if let Some(stopped) = self.answer(&taken).await {
+                if let Some(stopped) = self.answer(taken).await {
                     tell();
                     return stopped;
                 }
@@ -89,29 +89,36 @@ impl Operator<'_> {
     }
 
     /// Carries out one request, and answers it; gives how the run ends, if it does.
-    async fn answer(&self, taken: &Taken) -> Option<RunError> {
-        let (request, member) = match &taken.request {
-            Ok(request) => request,
-            Err(error) => {
-                taken.answer(&Answer::Error(error.clone()));
-                return None;
+    async fn answer(&self, taken: Taken) -> Option<RunError> {
+        let Taken { request, answer } = taken;
+        let (done, stopped) = match request {
+            Err(error) => (Err(error), None),
+            Ok((request, member)) => {
+                let done = self.carry_out(&request, member.as_deref());
+                let stops = request.action == ControlAction::Stop && done.is_ok();
+                let Request { by, reason, .. } = request;
+                (done, stops.then(|| RunError::Stopped { go_on: self.go_on.clone(), by, reason }))
             }
         };
-        let done = self.carry_out(request, member.as_deref());
-        let stops = request.action == ControlAction::Stop && done.is_ok();
-        if stops {
+        if stopped.is_some() {
             // What the run ends with says why it ended.
             let _ = self.cluster.flush().await; // a disk that has failed ends the run with its own error next time
         }
-        taken.answer(&match done {
-            Ok(done) => Answer::Done(done),
-            Err(error) => Answer::Error(error),
+        // On a thread of its own, as a network file system may be slow; and all at once, so that whoever waits is told even
+        // if the run ends meanwhile.
+        let told = spawn_blocking(move || {
+            answer.send(&match done {
+                Ok(Done { text, keep_out }) => {
+                    Answer::Done(text + &keep_out.map_or_else(String::new, KeepOut::carry_out))
+                }
+                Err(error) => Answer::Error(error),
+            });
         });
-        let Request { by, reason, .. } = request.clone();
-        stops.then(|| RunError::Stopped { go_on: self.go_on.clone(), by, reason })
+        let _ = told.await; // the runtime ends
+        stopped
     }
 
-    fn carry_out(&self, request: &Request, member: Option<&str>) -> Result<String, String> {
+    fn carry_out(&self, request: &Request, member: Option<&str>) -> Result<Done, String> {
         let Request { action, reason, by } = request.clone();
         // Workers are those of the whole sweep.
         let member = member.filter(|_| action.worker().is_none());
@@ -123,30 +130,49 @@ impl Operator<'_> {
                 member.unwrap_or_default()
             ));
         }
-        let certificate = match &action {
-            ControlAction::Deny { worker } => self.cluster.principal_of(worker),
+        let denied = match &action {
+            ControlAction::Deny { worker } => Some(self.cluster.principal_of(worker)),
             _ => None,
         };
-        let denies = matches!(action, ControlAction::Deny { .. });
         let order = Controlled { action, member: member.map(str::to_owned), reason, by };
-        let because = order.because();
+        let keep_out =
+            denied.map(|principal| KeepOut { tls: self.tls.clone(), principal, because: order.because() });
         let done = self.cluster.control(order.clone(), &clients).map_err(|refusal| refusal.to_string())?;
         let kept = self.keep.map_or(Ok(()), |keep| keep(&order));
         let prefix = member.map_or_else(String::new, |member| format!("{member}: "));
-        let more = if denies { self.keep_out(certificate, &because) } else { String::new() };
         let lost = kept.err().map_or_else(String::new, |error| {
             format!("; table events does not have it: {}", Message::of(&error).what)
         });
-        Ok(format!("{prefix}{done}{more}{lost}"))
+        Ok(Done { text: format!("{prefix}{done}{lost}"), keep_out })
     }
+}
 
-    /// Puts a denied worker's certificate onto the deny list, if there are both; says how it is kept out.
-    fn keep_out(&self, principal: Option<Principal>, because: &str) -> String {
+/// What was done.
+struct Done {
+    /// For people.
+    text: String,
+    /// What is left to be done for a denied worker.
+    keep_out: Option<KeepOut>,
+}
+
+/// How a denied worker is kept out.
+struct KeepOut {
+    /// The folder of certificates and deny list, if there is one.
+    tls: Option<PathBuf>,
+    /// Who answers for the worker, if that is known.
+    principal: Option<Principal>,
+    /// Why, for the deny list.
+    because: String,
+}
+
+impl KeepOut {
+    /// Puts the worker's certificate onto the deny list, if there are both; says how it is kept out. Blocks.
+    fn carry_out(self) -> String {
         let session = "; it is let in no more as long as this coordinator is at work";
-        let (Some(tls), Some(Principal::Certificate(certificate))) = (&self.tls, principal) else {
+        let (Some(tls), Some(Principal::Certificate(certificate))) = (self.tls, self.principal) else {
             return session.to_owned();
         };
-        match transport::deny(tls, &certificate, because) {
+        match transport::deny(&tls, &certificate, &self.because) {
             Ok(list) => format!("; {} has its certificate now", list.display()),
             Err(error) => format!("{session}: {}", Message::of(&error).what),
         }

@@ -210,8 +210,14 @@ async fn watch(deny: Option<DenyList>, access: Arc<AccessControl>) {
     let Some(mut deny) = deny else { return };
     loop {
         tokio::time::sleep(DENY_INTERVAL).await;
-        // A small file, once a second: not worth a thread of its own.
-        if let Some(denied) = deny.look() {
+        // On a thread of its own: a network file system may hang.
+        let looked = tokio::task::spawn_blocking(move || {
+            let denied = deny.look();
+            (deny, denied)
+        });
+        let Ok((list, denied)) = looked.await else { return }; // the runtime ends
+        deny = list;
+        if let Some(denied) = denied {
             access.deny(denied);
         }
     }
