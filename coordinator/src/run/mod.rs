@@ -150,11 +150,11 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     }
     let outcome = searched?;
     run.progress.finish();
-    let attribution = recorded.attribution(remembers).await?;
+    let provenance = recorded.provenance(remembers).await?;
     let summary = run.finish(&outcome).await?;
     remove_journal(&out);
-    attribution.note(session, &out, &outcome.found.counts);
-    attribution.keep(session, &outcome.found.counts, [&train_cache, &validation_cache]);
+    provenance.note(session, &out, &outcome.found.counts);
+    provenance.keep(session, &outcome.found.counts, [&train_cache, &validation_cache]);
     recorded.end(attached, dataset).await;
     Ok(summary)
 }

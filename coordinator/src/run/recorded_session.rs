@@ -65,7 +65,7 @@ pub struct Attached {
 }
 
 /// On whose word the results of a session rest.
-pub struct Attribution {
+pub struct SessionProvenance {
     answerers: BTreeSet<Principal>,
     /// By descriptor, if others may go on with what is known of any.
     descriptors: Option<BTreeMap<DescriptorBytes, Arc<Provenance>>>,
@@ -164,7 +164,7 @@ impl<'a> RecordedSession<'a> {
     ///
     /// # Errors
     /// If what has outgrown memory cannot be looked up any more.
-    pub async fn attribution(&self, for_others: bool) -> Result<Attribution, RunError> {
+    pub async fn provenance(&self, for_others: bool) -> Result<SessionProvenance, RunError> {
         let cluster = &self.session.cluster;
         let answerers = cluster.answerers()?;
         // What one with a worker that was wrong computed where nobody has looked is in doubt; after damage to the journal
@@ -174,7 +174,7 @@ impl<'a> RecordedSession<'a> {
             true => Some(cluster.provenances().await?).filter(|_| is_sound()),
             false => None,
         };
-        Ok(Attribution { answerers, descriptors })
+        Ok(SessionProvenance { answerers, descriptors })
     }
 
     /// Lets the workers go, unless they are needed for what follows.
@@ -187,7 +187,7 @@ impl<'a> RecordedSession<'a> {
     }
 }
 
-impl Attribution {
+impl SessionProvenance {
     /// Notes of the finished run in a folder on whose word it rests.
     pub fn note(&self, session: &Session<'_>, run: &Path, counts: &SearchCounts) {
         session.register(run, counts, &self.answerers);

@@ -115,13 +115,13 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
 
     // Once, and not for each member.
     let remembers = |member: &Member| member.experiment.remembers_counts(dataset);
-    let attribution = recorded.attribution(members.iter().any(remembers)).await?;
+    let provenance = recorded.provenance(members.iter().any(remembers)).await?;
     remove_journal(&out);
     for (place, summary, found) in done {
-        attribution.note(session, &summary.out, &found);
+        provenance.note(session, &summary.out, &found);
         summaries.push((place, summary));
         if remembers(&members[place]) {
-            attribution.keep(session, &found, [&train_cache, &validation_cache]);
+            provenance.keep(session, &found, [&train_cache, &validation_cache]);
         }
     }
     recorded.end(attached, dataset).await;

@@ -346,7 +346,10 @@ impl Client {
     pub(super) fn has_all(&mut self) -> Result<bool, ClusterError> {
         let mut state = self.cluster.state();
         let has_all = state.clients.account(self.id).has_all();
-        let in_doubt = has_all && state.is_in_doubt(self.id, Instant::now());
+        if has_all {
+            state.share_held_doubts(self.id, Instant::now());
+        }
+        let in_doubt = has_all && state.is_in_doubt(self.id);
         state.clients.account(self.id).in_doubt = in_doubt;
         if !has_all || in_doubt {
             return Ok(false);

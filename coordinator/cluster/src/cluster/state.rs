@@ -250,19 +250,24 @@ impl ClusterState {
         self.retracted.filter(|sequence| !self.is_durable(*sequence))
     }
 
-    /// Whether accepted results are being checked that this client cannot do without. What it has asked for, too, is held back
-    /// no more because another client is paused that has had it confirmed. Looks at all open jobs.
-    pub(super) fn is_in_doubt(&mut self, client: ClientId, now: Instant) -> bool {
-        if !self.scheduler.is_paused(client) {
-            let mut held = self.scheduler.held_in_doubt();
-            held.retain(|job| self.clients.has_asked(client, *job));
-            for &job in &held {
-                self.scheduler.share(job, client, now);
-            }
-            if !held.is_empty() {
-                self.wake(now);
-            }
+    /// What is in doubt and this client has asked for, too, is held back no more because another is paused that has it
+    /// confirmed. Looks at all open jobs.
+    pub(super) fn share_held_doubts(&mut self, client: ClientId, now: Instant) {
+        if self.scheduler.is_paused(client) {
+            return;
         }
+        let mut held = self.scheduler.held_in_doubt();
+        held.retain(|job| self.clients.has_asked(client, *job));
+        for &job in &held {
+            self.scheduler.share(job, client, now);
+        }
+        if !held.is_empty() {
+            self.wake(now);
+        }
+    }
+
+    /// Whether accepted results are being checked that this client cannot do without. Looks at all open jobs.
+    pub(super) fn is_in_doubt(&self, client: ClientId) -> bool {
         self.scheduler.jobs.is_checking()
             || self.scheduler.in_doubt(|job| self.clients.has_asked(client, job))
     }

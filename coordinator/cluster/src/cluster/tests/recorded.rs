@@ -109,7 +109,7 @@ async fn a_result_that_was_checked_is_as_good_as_the_audit_of_the_check() {
     answer_next(&cluster, 2, 3).await;
     join(&cluster, 3);
     answer_next(&cluster, 3, 3).await;
-    assert!(!cluster.state().is_in_doubt(ClientId::new(1), Instant::now()));
+    assert!(!cluster.state().is_in_doubt(ClientId::new(1)));
     let accepted = found(cluster, &path).await.accepted.get(Task::Evaluation(evaluation()).job(0)).unwrap();
     let accepted = accepted.expect("a result that was found right");
     assert_eq!((accepted.principal, accepted.seconded), (caller(2).1, Some(caller(3).1)));

@@ -228,6 +228,27 @@ async fn what_a_paused_client_has_confirmed_is_confirmed_for_whoever_has_asked_f
 }
 
 #[tokio::test]
+async fn what_is_in_doubt_of_a_client_without_further_questions_is_confirmed_although_it_was_paused() {
+    let (cluster, answers) = (Cluster::new(LIMITS), Cell::new(0));
+    let mut client = cluster.client();
+    tokio::select! {
+        told = ask(&mut client, &[2]) => assert_eq!(told.unwrap(), [2]),
+        () = labour(&cluster, 1, &answers, |bins| bins) => unreachable!(),
+    }
+    client.confirm(&evaluation_of(2).subject.descriptor);
+    cluster.control(order(ControlAction::Pause), &[client.id()]).unwrap();
+    assert!(cluster.state().scheduler.is_paused(ClientId::AUDITOR));
+    client.rest();
+    assert!(!cluster.is_paused(client.id()) && !cluster.state().scheduler.is_paused(ClientId::AUDITOR));
+    tokio::select! {
+        biased; // the other worker comes first: somebody can confirm it
+        () = labour(&cluster, 2, &answers, |bins| bins) => unreachable!(),
+        confirmed = client.confirmed(|_| {}) => confirmed.unwrap(),
+    }
+    assert_eq!(answers.get(), 2);
+}
+
+#[tokio::test]
 async fn what_an_operator_orders_is_done_once_and_told_to_everybody() {
     let (cluster, answers) = (Cluster::new(LIMITS), Cell::new(0));
     let [mut first, mut second] = [cluster.client(), cluster.client()];
