@@ -216,8 +216,13 @@ impl Session {
         backoff: &mut Backoff,
         last_contact: &mut Instant,
     ) -> End {
-        if let Err(reason) = self.look_for_coordinator() {
-            return End::Lost(Status::unavailable(reason));
+        let due = self.due();
+        tokio::select! {
+            () = &mut shutdown => return End::Left(Leaving::Stopped),
+            () = due => return End::Due,
+            looked = self.look_for_coordinator() => if let Err(reason) = looked {
+                return End::Lost(Status::unavailable(reason));
+            },
         }
         let due = self.due();
         let accepted = tokio::select! {
@@ -280,9 +285,9 @@ impl Session {
     }
 
     /// Reads the file again that says where the coordinator is, if there is one.
-    fn look_for_coordinator(&mut self) -> Result<(), String> {
+    async fn look_for_coordinator(&mut self) -> Result<(), String> {
         if let Some(file) = &mut self.conduct.join_file
-            && let Some(address) = file.refresh()?
+            && let Some(address) = file.refresh().await?
         {
             tracing::info!("looking for the coordinator at {address}");
             warn_if_plain(&address);

@@ -12,6 +12,8 @@ use crate::listing::{folders, is_folder, list};
 
 /// A temporary file this old was left behind, whoever wrote it.
 const ABANDONED: Duration = Duration::from_secs(24 * 60 * 60);
+/// Clocks of machines that share a folder differ by less.
+const SKEW: Duration = Duration::from_secs(60 * 60);
 
 /// Watches over what one cache folder holds, other processes' files included.
 #[derive(Debug)]
@@ -51,6 +53,9 @@ impl Evictor {
 /// One file of a cache folder.
 #[derive(Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Kept {
+    /// `false` of what was used in the future, which nothing that is used would ever outlive: it goes first. Whoever uses it
+    /// once more puts that right.
+    is_plausible: bool,
     used: SystemTime,
     path: PathBuf,
     bytes: u64,
@@ -99,7 +104,8 @@ fn scan(folder: &Path, now: SystemTime, files: &mut Vec<Kept>) {
         let (Some(name), Ok(metadata)) = (name.to_str(), entry.metadata()) else { continue };
         let (true, Ok(used)) = (metadata.is_file(), metadata.modified()) else { continue };
         if layout::is_digest(start, name) {
-            files.push(Kept { used, path: entry.path(), bytes: metadata.len() });
+            let is_plausible = used.duration_since(now).unwrap_or_default() < SKEW;
+            files.push(Kept { is_plausible, used, path: entry.path(), bytes: metadata.len() });
         } else if atomic::is_temporary(name) {
             let age = now.duration_since(used).unwrap_or_default();
             if age > ABANDONED || atomic::is_abandoned(name) {
@@ -152,6 +158,23 @@ mod tests {
         assert_eq!(evict(root.path(), 200, now()), 100);
         assert_eq!(files.iter().map(left).collect::<Vec<_>>(), [false, false, true, false]);
         assert!(!blob.exists());
+    }
+
+    #[test]
+    fn what_was_used_in_the_future_goes_first_unless_clocks_differ_by_so_much() {
+        let root = tempfile::tempdir().unwrap();
+        let files = [0, 1, 2, 3].map(|index| file(root.path(), entry(index), 100, 10));
+        for (path, ahead) in [(&files[0], 60), (&files[1], 1_000_000), (&files[2], 2_000_000)] {
+            let used = now() + Duration::from_secs(ahead);
+            fs::File::options().write(true).open(path).unwrap().set_modified(used).unwrap();
+        }
+        let left = || files.each_ref().map(|path| path.exists());
+        assert_eq!(evict(root.path(), 399, now()), 300);
+        assert_eq!(left(), [true, false, true, true]);
+        assert_eq!(evict(root.path(), 299, now()), 200);
+        assert_eq!(left(), [true, false, false, true]);
+        assert_eq!(evict(root.path(), 199, now()), 100);
+        assert_eq!(left(), [true, false, false, false]);
     }
 
     #[test]
