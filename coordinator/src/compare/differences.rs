@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use descriptor::{Label, random};
 use rand::RngExt as _;
-use results::{Cluster, Counts, PairRow, bootstrap, holm, mcnemar, wilson};
+use results::{Cluster, Counts, PairRow, bootstrap, holm, mcnemar};
 
 /// A p-value below it, after Holm, is evidence of a difference.
 pub const SIGNIFICANCE: f64 = 0.05;
@@ -59,8 +59,7 @@ impl Outcomes {
     /// nothing.
     pub fn intervals(&self, level: Level, queries: &[Label], seed: u64) -> [[f64; 2]; 2] {
         let counts = self.counts();
-        let correct = [counts.object_correct, counts.category_correct][level as usize];
-        let by_wilson = wilson(counts.queries - correct, counts.queries);
+        let by_wilson = [counts.object_errors(), counts.category_errors()][level as usize].interval();
         [by_wilson, error_interval(self, level, queries, seed).unwrap_or(by_wilson)]
     }
 }

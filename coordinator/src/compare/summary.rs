@@ -61,11 +61,11 @@ impl Comparison {
             2,
         );
         text += &self.errors_text("object error", |row| {
-            let wrong = row.counts.queries - row.counts.object_correct;
+            let wrong = row.counts.object_errors().wrong;
             (row.counts.object_error(), wrong, row.object_wilson, row.object_bootstrap)
         });
         text += &self.errors_text("category error", |row| {
-            let wrong = row.counts.queries - row.counts.category_correct;
+            let wrong = row.counts.category_errors().wrong;
             (row.counts.category_error(), wrong, row.category_wilson, row.category_bootstrap)
         });
         text.push('\n');
@@ -238,11 +238,11 @@ impl Comparison {
                 "skipped": row.skipped,
                 "database": row.database,
                 "object_error": row.counts.object_error(),
-                "object_wrong": row.counts.queries - row.counts.object_correct,
+                "object_wrong": row.counts.object_errors().wrong,
                 "object_error_interval": row.object_wilson,
                 "object_error_interval_instances": row.object_bootstrap,
                 "category_error": row.counts.category_error(),
-                "category_wrong": row.counts.queries - row.counts.category_correct,
+                "category_wrong": row.counts.category_errors().wrong,
                 "category_error_interval": row.category_wilson,
                 "category_error_interval_instances": row.category_bootstrap,
                 "keypoints_per_cloud": row.keypoints_per_cloud,
@@ -281,11 +281,11 @@ impl Comparison {
                 "queries": row.counts.queries,
                 "unusable": row.unusable,
                 "object_error": row.counts.object_error(),
-                "object_wrong": row.counts.queries - row.counts.object_correct,
+                "object_wrong": row.counts.object_errors().wrong,
                 "object_error_interval": row.object_wilson,
                 "object_error_interval_instances": row.object_bootstrap,
                 "category_error": row.counts.category_error(),
-                "category_wrong": row.counts.queries - row.counts.category_correct,
+                "category_wrong": row.counts.category_errors().wrong,
                 "category_error_interval": row.category_wilson,
                 "category_error_interval_instances": row.category_bootstrap,
             })

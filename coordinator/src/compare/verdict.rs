@@ -39,8 +39,7 @@ fn points_against_pfhrgb(rows: &[ComparedRow], pairs: &[PairRow], front: &[Front
     let (mut compared, costs): (Vec<_>, Vec<u64>) = front.iter().filter_map(against).unzip();
     correct(&mut compared);
     let better = compared.iter().zip(costs).filter(|(one, _)| one.points > 0.0 && one.is_sure());
-    let fastest =
-        better.min_by_key(|(one, cost)| (*cost, one.own.counts.queries - one.own.counts.object_correct)); // the first of equals
+    let fastest = better.min_by_key(|(one, cost)| (*cost, one.own.counts.object_errors().wrong)); // the first of equals
     let best = compared.iter().min_by(|a, b| b.points.total_cmp(&a.points))?;
     Some(match (&compared[..], fastest) {
         ([only], _) => only.sentence(),

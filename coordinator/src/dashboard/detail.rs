@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use descriptor::Descriptor;
-use results::{Columnar, Counts, FinishedRun, TableName, wilson};
+use results::{Columnar, Counts, FinishedRun, TableName};
 use serde_json::{Value, json};
 
 use super::overview::Overview;
@@ -89,12 +89,11 @@ fn errors(finished: &FinishedRun) -> Vec<Value> {
     ];
     let error = |(split, counts): (&str, Option<Counts>)| {
         let counts = counts?;
-        let wrong = counts.queries.saturating_sub(counts.object_correct);
-        let [low, high] = wilson(wrong, counts.queries);
+        let (object, category) = (counts.object_errors(), counts.category_errors());
+        let [low, high] = object.interval();
         Some(json!({
-            "split": split, "object_error": counts.object_error(), "object_wrong": wrong,
-            "category_error": counts.category_error(),
-            "category_wrong": counts.queries.saturating_sub(counts.category_correct),
+            "split": split, "object_error": object.share(), "object_wrong": object.wrong,
+            "category_error": category.share(), "category_wrong": category.wrong,
             "queries": counts.queries, "low": low, "high": high,
         }))
     };

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use descriptor::{Family, GENES};
-use results::{CountRow, FinishedGrid};
+use results::{CountRow, ErrorRate, FinishedGrid};
 use serde_json::{Value, json};
 
 use super::Recheck;
@@ -104,9 +104,8 @@ impl GridSummary {
 
     /// An error with its number of queries.
     fn error(&self, object_correct: u32) -> String {
-        let queries = self.grid.row.queries;
-        let missed = queries.saturating_sub(object_correct);
-        format!("{} ({missed})", percent(f64::from(missed) / f64::from(queries)))
+        let rate = ErrorRate::new(object_correct, self.grid.row.queries);
+        format!("{} ({})", percent(rate.share()), rate.wrong)
     }
 }
 

@@ -8,7 +8,7 @@ use descriptor::recogniser::{Calibration, ChosenSettings, Settings};
 use descriptor::structure::Structure;
 use descriptor::{Descriptor, Preprocess, Unit};
 use proto::Message;
-use results::{Counts, RunRow, wilson};
+use results::{ErrorRate, RunRow};
 
 use super::DescriptorChoice;
 use super::reject::{FoldsBy, Reject};
@@ -258,20 +258,20 @@ impl About<'_> {
             return "Not measured: the run has no test of this descriptor and recogniser. `coordinator compare` makes one.\n"
                 .to_owned();
         };
-        let Counts { object_correct, category_correct, queries } = test;
-        let error = |share: f64, correct: u32| {
-            let wrong = queries.saturating_sub(correct);
-            let [low, high] = wilson(wrong, queries).map(|end| 100.0 * end);
-            format!("{} ({wrong} of {queries}), 95 % interval {low:.1} to {high:.1} %", percent(share))
+        let error = |rate: ErrorRate| {
+            let ErrorRate { wrong, queries } = rate;
+            let [low, high] = rate.interval().map(|end| 100.0 * end);
+            format!("{} ({wrong} of {queries}), 95 % interval {low:.1} to {high:.1} %", percent(rate.share()))
         };
         format!(
-            "Of {queries} test clouds, which the search did not see:\n\n\
+            "Of {} test clouds, which the search did not see:\n\n\
              - wrong object: {}\n\
              - wrong category: {}\n\n\
              They show the same objects as the reference clouds, and no answer was rejected. The intervals (Wilson) take the \
              clouds for independent.\n",
-            error(test.object_error(), object_correct),
-            error(test.category_error(), category_correct),
+            test.queries,
+            error(test.object_errors()),
+            error(test.category_errors()),
         )
     }
 }

@@ -2,7 +2,7 @@
 
 use descriptor::{Descriptor, SearchSpace};
 use evolution::Found;
-use results::{Counts, FrontRow, wilson};
+use results::{Counts, ErrorRate, FrontRow};
 use serde_json::{Value, json};
 
 use crate::fitness::{Fitness, Measured};
@@ -47,29 +47,23 @@ pub fn rows(
     (1..).zip(front).map(row).collect()
 }
 
-/// Queries that are wrong by what the fitness counts, and how many were asked.
-fn errors(row: &FrontRow, counts: Counts) -> (u32, u32) {
-    let correct =
-        if row.objective_correct.is_some() { counts.category_correct } else { counts.object_correct };
-    (counts.queries.saturating_sub(correct), counts.queries)
-}
-
-fn share((wrong, queries): (u32, u32)) -> f64 {
-    f64::from(wrong) / f64::from(queries)
+/// Queries that are wrong by what the fitness counts.
+fn errors(row: &FrontRow, counts: Counts) -> ErrorRate {
+    if row.objective_correct.is_some() { counts.category_errors() } else { counts.object_errors() }
 }
 
 /// The errors that points are compared by: on validation clouds where there are any.
-fn judged(row: &FrontRow) -> (u32, u32) {
+fn judged(row: &FrontRow) -> ErrorRate {
     errors(row, row.validation.unwrap_or(row.train))
 }
 
 /// Of the points whose error lies within the 95 % interval of the best one's, the smallest and the fastest, as indices.
 fn within_one_interval(rows: &[FrontRow]) -> Option<[usize; 2]> {
-    let (wrong, queries) = rows.iter().map(judged).min_by(|&a, &b| share(a).total_cmp(&share(b)))?;
-    let [_, end] = wilson(wrong, queries);
-    let near: Vec<usize> = (0..rows.len()).filter(|&row| share(judged(&rows[row])) <= end).collect();
+    let best = rows.iter().map(judged).min_by(|a, b| a.share().total_cmp(&b.share()))?;
+    let [_, end] = best.interval();
+    let near: Vec<usize> = (0..rows.len()).filter(|&row| judged(&rows[row]).share() <= end).collect();
     let least = |value: fn(&FrontRow) -> u64| {
-        let order = |&row: &usize| (value(&rows[row]), judged(&rows[row]).0);
+        let order = |&row: &usize| (value(&rows[row]), judged(&rows[row]).wrong);
         near.iter().copied().min_by_key(order) // the first of equals
     };
     Some([least(|row| row.size)?, least(|row| row.cost)?])
@@ -98,7 +92,7 @@ pub fn lines(rows: &[FrontRow]) -> Option<Vec<String>> {
     let even: Vec<usize> = (0..SHOWN).map(|place| place * last / (SHOWN - 1)).collect();
     let shown: Vec<usize> =
         (0..rows.len()).filter(|row| even.contains(row) || !marks[*row].is_empty()).collect();
-    let error = |errors: (u32, u32)| format!("{} ({})", percent(share(errors)), errors.0);
+    let error = |rate: ErrorRate| format!("{} ({})", percent(rate.share()), rate.wrong);
     let line = |[point, train, validation, cost, size]: [&str; 5], mark: &str| {
         let line = format!("{point:<6}{train:<15}{validation:<15}{cost:>9}{size:>7}  {mark}");
         line.trim_end().to_owned()
@@ -136,10 +130,10 @@ pub fn json(rows: &[FrontRow]) -> Option<Value> {
             "point": row.point,
             "generation": row.generation,
             "individual": row.individual,
-            "train_error": share(train),
-            "train_errors": train.0,
-            "validation_error": validation.map(share),
-            "validation_errors": validation.map(|(wrong, _)| wrong),
+            "train_error": train.share(),
+            "train_errors": train.wrong,
+            "validation_error": validation.map(ErrorRate::share),
+            "validation_errors": validation.map(|rate| rate.wrong),
             "cost": row.cost,
             "size": row.size,
             "winner": row.winner,

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use descriptor::Descriptor;
 use indicatif::{ProgressBar, ProgressStyle};
+use results::ErrorRate;
 
 use crate::console::{Console, has_viewer, say};
 use crate::lines::{clock, percent};
@@ -242,8 +243,8 @@ impl Progress {
         let rate = (report.computed * report.cell_len) as f64 / elapsed.as_secs_f64().max(1e-3);
         let rest = (report.cells - report.done) as f64 / report.computed.max(1) as f64;
         let best = report.best.as_ref().map_or_else(String::new, |(correct, descriptor)| {
-            let error = f64::from(report.queries - correct) / f64::from(report.queries);
-            format!(": best {} with {descriptor}", percent(error))
+            let error = ErrorRate::new(*correct, report.queries);
+            format!(": best {} with {descriptor}", percent(error.share()))
         });
         let (workers, left) = (self.workers(), clock(elapsed.mul_f64(rest)));
         let place = format!("cell {}/{}{best}", report.done, report.cells);

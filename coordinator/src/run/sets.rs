@@ -4,7 +4,7 @@
 use std::collections::HashMap;
 
 use proto::task::{EvaluationResult, Match};
-use results::{Counts, PredictionRow, SetRow, wilson};
+use results::{Counts, PredictionRow, SetRow};
 use serde_json::{Value, json};
 
 use crate::compare::{EVOLVED, PAPER};
@@ -93,15 +93,14 @@ pub fn of_answers(
 
 /// A row for each set that has queries.
 fn of_counts(sets: &[String], weights: &[u32], descriptor: &str, of_sets: Vec<Counts>) -> Vec<SetRow> {
-    let interval = |counts: Counts, correct: u32| wilson(counts.queries - correct, counts.queries);
     let named = sets.iter().zip(weights).zip(of_sets);
     let row = |((set, weight), counts): ((&String, &u32), Counts)| SetRow {
         descriptor: descriptor.to_owned(),
         set: set.clone(),
         weight: *weight,
         counts,
-        object_wilson: interval(counts, counts.object_correct),
-        category_wilson: interval(counts, counts.category_correct),
+        object_wilson: counts.object_errors().interval(),
+        category_wilson: counts.category_errors().interval(),
     };
     named.filter(|(_, counts)| counts.queries > 0).map(row).collect()
 }
@@ -119,9 +118,8 @@ pub fn lines(rows: &[SetRow]) -> Vec<Vec<String>> {
     if winner.is_empty() {
         return Vec::new();
     }
-    let error = |counts: Counts| {
-        format!("{} ({})", percent(counts.object_error()), counts.queries - counts.object_correct)
-    };
+    let error =
+        |counts: Counts| format!("{} ({})", percent(counts.object_error()), counts.object_errors().wrong);
     let line = |row: &&SetRow| {
         let weight = if row.weight == 0 { "not seen".to_owned() } else { row.weight.to_string() };
         let paper = beside(rows, row).map_or_else(|| "-".to_owned(), |paper| error(paper.counts));

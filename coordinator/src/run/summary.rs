@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use descriptor::{Column, Descriptor, Family};
 use evolution::StopReason;
-use results::{ComparedRow, Counts, FrontRow, PairRow, RunRow, SetRow, wilson};
+use results::{ComparedRow, Counts, ErrorRate, FrontRow, PairRow, RunRow, SetRow};
 use serde_json::{Map, Value, json};
 
 use crate::compare::verdict;
@@ -77,15 +77,14 @@ impl Summary {
                 row(label, "not measured".to_owned());
                 continue;
             };
-            let error = |share: f64, correct: u32| {
-                let wrong = counts.queries.saturating_sub(correct);
-                let [low, high] = wilson(wrong, counts.queries).map(|end| 100.0 * end);
-                let (error, interval) =
-                    (format!("{} ({wrong})", percent(share)), format!("{low:.1} - {high:.1} %"));
+            let error = |rate: ErrorRate| {
+                let [low, high] = rate.interval().map(|end| 100.0 * end);
+                let error = format!("{} ({})", percent(rate.share()), rate.wrong);
+                let interval = format!("{low:.1} - {high:.1} %");
                 format!("{error:<14} {interval:<14} ")
             };
-            let object = error(counts.object_error(), counts.object_correct);
-            let category = error(counts.category_error(), counts.category_correct);
+            let object = error(counts.object_errors());
+            let category = error(counts.category_errors());
             row(label, format!("{object}{category}{}", counts.queries));
         }
         for (label, line) in
@@ -146,7 +145,7 @@ impl Summary {
         let title = ["on test clouds", "object error", "over objects", "values", "a cloud"];
         let mut lines = vec![title.map(str::to_owned).to_vec()];
         lines.extend(self.compared.iter().map(|one| {
-            let wrong = one.counts.queries - one.counts.object_correct;
+            let wrong = one.counts.object_errors().wrong;
             let [low, high] = one.object_bootstrap.map(|end| 100.0 * end);
             vec![
                 one.descriptor.clone(),
@@ -164,9 +163,7 @@ impl Summary {
         let run = &self.run;
         let object = |counts: Option<Counts>| counts.map(|counts| counts.object_error());
         let category = |counts: Option<Counts>| counts.map(|counts| counts.category_error());
-        let interval = |counts: Option<Counts>| {
-            counts.map(|counts| wilson(counts.queries.saturating_sub(counts.object_correct), counts.queries))
-        };
+        let interval = |counts: Option<Counts>| counts.map(|counts| counts.object_errors().interval());
         let mut json = json!({
             "name": run.name,
             "seed": run.seed,

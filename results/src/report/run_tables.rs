@@ -5,7 +5,7 @@ use super::html::Item;
 use super::runs::{Group, Member, Runs};
 use super::summary::interval_text;
 use super::table::TableBlock;
-use crate::statistics::{RankSum, holm, rank_sum, wilson};
+use crate::statistics::{RankSum, holm, rank_sum};
 use crate::tables::run::Counts;
 
 /// Runs that are listed one by one.
@@ -68,9 +68,7 @@ pub(crate) fn members(runs: &Runs) -> Vec<Item> {
     };
     let row = |member: &Member| {
         let run = &member.run.row;
-        let interval = run.test.map(|test| {
-            interval_text(wilson(test.queries.saturating_sub(test.object_correct), test.queries))
-        });
+        let interval = run.test.map(|test| interval_text(test.object_errors().interval()));
         vec![
             member.label.clone(),
             member.best.len().to_string(),

@@ -6,7 +6,6 @@ use super::table::TableBlock;
 use crate::columns::GeneColumn;
 use crate::error::Error;
 use crate::read::FinishedRun;
-use crate::statistics::wilson;
 use crate::tables::run::Counts;
 
 /// Rows of events and skipped clouds that are shown.
@@ -116,10 +115,9 @@ pub(crate) fn errors(run: &FinishedRun) -> TableBlock {
             return row;
         };
         let mut row = vec![split.to_owned()];
-        for correct in [counts.object_correct, counts.category_correct] {
-            let wrong = counts.queries.saturating_sub(correct);
-            row.push(error_text(wrong, counts.queries));
-            row.push(interval_text(wilson(wrong, counts.queries)));
+        for rate in [counts.object_errors(), counts.category_errors()] {
+            row.push(error_text(rate.wrong, rate.queries));
+            row.push(interval_text(rate.interval()));
         }
         row.push(counts.queries.to_string());
         row

@@ -4,6 +4,7 @@ use std::time::SystemTime;
 
 use crate::population::{Member, PopulationSummary, share};
 use crate::record::record;
+use crate::statistics::ErrorRate;
 
 record! {
     /// Correct answers. In the meanings of the columns, "`{of}`" stands for the clouds that were asked for.
@@ -26,14 +27,24 @@ impl Counts {
         share(self.object_correct, self.queries)
     }
 
+    /// Queries with a wrong object.
+    pub fn object_errors(&self) -> ErrorRate {
+        ErrorRate::new(self.object_correct, self.queries)
+    }
+
+    /// Queries with a wrong category.
+    pub fn category_errors(&self) -> ErrorRate {
+        ErrorRate::new(self.category_correct, self.queries)
+    }
+
     /// Share of queries with a wrong object: 1 − fitness, rounded once.
     pub fn object_error(&self) -> f64 {
-        share(self.queries.saturating_sub(self.object_correct), self.queries)
+        self.object_errors().share()
     }
 
     /// Share of queries with a wrong category.
     pub fn category_error(&self) -> f64 {
-        share(self.queries.saturating_sub(self.category_correct), self.queries)
+        self.category_errors().share()
     }
 }
 
