@@ -176,7 +176,7 @@ pub(crate) fn predictions(
     for (split, recorded) in
         [(PredictionSplit::Validation, row.validation), (PredictionSplit::Test, row.test)]
     {
-        let mut counts = Counts { object_correct: 0, category_correct: 0, queries: 0 };
+        let mut counts = Counts::NONE;
         for file in files {
             let splits = file.frame.column("split")?.str()?.iter();
             for (row, _) in file
@@ -185,9 +185,7 @@ pub(crate) fn predictions(
                 .zip(splits)
                 .filter(|(_, name)| *name == Some(split.as_str()))
             {
-                counts.queries += 1;
-                counts.object_correct += u32::from(row.predicted_instance == row.instance);
-                counts.category_correct += u32::from(row.predicted_category == row.category);
+                counts.add(row.predicted_instance == row.instance, row.predicted_category == row.category);
             }
         }
         // A split may be counted without its predictions being kept.

@@ -12,6 +12,7 @@ use crate::experiment::Experiment;
 use crate::fitness::{Measured, Part};
 use crate::run::RunError;
 use crate::run::matching::{Matching, TRAIN1, TRAIN2};
+use crate::run::sets::with_weight;
 use crate::weighing::{check_sets as check_teaching, teaching_sets};
 
 /// Refuses a fitness that cannot be computed on these clouds, and a search that would ask validation clouds where there are
@@ -23,8 +24,7 @@ use crate::weighing::{check_sets as check_teaching, teaching_sets};
 pub fn check_fitness(experiment: &Experiment, dataset: &Dataset) -> Result<Vec<String>, RunError> {
     let (fitness, weights) = (experiment.fitness(), experiment.set_weights(dataset));
     check_sets(experiment, dataset)?;
-    let weighted: Vec<u32> =
-        (0..).zip(&weights).filter(|(_, weight)| **weight > 0).map(|(set, _)| set).collect();
+    let weighted = with_weight(&weights);
     let of_set = |&set: &u32| dataset.clouds.of_set(&dataset.splits.validation, set).count();
     let validating: usize = weighted.iter().map(of_set).sum();
     if experiment.validates() && validating == 0 {

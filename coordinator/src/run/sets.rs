@@ -56,13 +56,11 @@ pub fn rows(dataset: &Dataset, weights: &[u32], descriptor: &str, result: &Evalu
     }
     let (queries, database) = (Matching::Test.query_clouds(dataset), Matching::Test.database_clouds(dataset));
     let entry = |index: u32| &dataset.clouds.entries[index as usize];
-    let mut of_sets = vec![Counts { object_correct: 0, category_correct: 0, queries: 0 }; weights.len()];
+    let mut of_sets = vec![Counts::NONE; weights.len()];
     for (&query, found) in queries.iter().zip(&result.matches) {
         let (query, nearest) = (entry(query), entry(database[found.nearest as usize]));
         let counts = &mut of_sets[query.set as usize];
-        counts.object_correct += u32::from(nearest.instance == query.instance);
-        counts.category_correct += u32::from(nearest.category == query.category);
-        counts.queries += 1;
+        counts.add(nearest.instance == query.instance, nearest.category == query.category);
     }
     of_counts(&dataset.clouds.sets, weights, descriptor, of_sets)
 }
@@ -81,12 +79,11 @@ pub fn of_answers(
         .iter()
         .filter_map(|cloud| Some((cloud.path.as_str(), *numbers.get(cloud.set.as_deref()?)?)))
         .collect();
-    let mut of_sets = vec![Counts { object_correct: 0, category_correct: 0, queries: 0 }; weights.len()];
+    let mut of_sets = vec![Counts::NONE; weights.len()];
     for answer in answers {
         let counts = of_sets.get_mut(*of_path.get(answer.cloud.as_str())?)?;
-        counts.object_correct += u32::from(answer.predicted_instance == answer.instance);
-        counts.category_correct += u32::from(answer.predicted_category == answer.category);
-        counts.queries += 1;
+        counts
+            .add(answer.predicted_instance == answer.instance, answer.predicted_category == answer.category);
     }
     Some(of_counts(&clouds.sets, weights, descriptor, of_sets))
 }

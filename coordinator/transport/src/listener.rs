@@ -215,7 +215,12 @@ async fn watch(deny: Option<DenyList>, access: Arc<AccessControl>) {
             let denied = deny.look();
             (deny, denied)
         });
-        let Ok((list, denied)) = looked.await else { return }; // the runtime ends
+        let (list, denied) = match looked.await {
+            Ok(looked) => looked,
+            // Nobody would be denied any more, and nobody would know.
+            Err(error) if error.is_panic() => std::panic::resume_unwind(error.into_panic()),
+            Err(_) => return, // the runtime ends
+        };
         deny = list;
         if let Some(denied) = denied {
             access.deny(denied);

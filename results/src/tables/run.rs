@@ -22,6 +22,16 @@ record! {
 }
 
 impl Counts {
+    /// Of no query yet.
+    pub const NONE: Self = Self { object_correct: 0, category_correct: 0, queries: 0 };
+
+    /// Counts one more query: whether its answer is of the right object, and of the right category.
+    pub fn add(&mut self, is_object: bool, is_category: bool) {
+        self.object_correct += u32::from(is_object);
+        self.category_correct += u32::from(is_category);
+        self.queries += 1;
+    }
+
     /// Share of queries with the right object.
     pub fn fitness(&self) -> f64 {
         share(self.object_correct, self.queries)
