@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use artefact::{Contents, Recogniser, channels, labels};
-use descriptor::recogniser::{Evidence, HeldOut, LabelledClouds, MAX_CLOUDS, RejectError, RejectRule};
-use descriptor::{SetDistance, Signature, Signatures};
+use descriptor::recogniser::{self, Evidence, HeldOut, LabelledClouds, MAX_CLOUDS, RejectError, RejectRule};
+use descriptor::{Signature, Signatures};
 use rayon::prelude::*;
 
 use super::error::AssessError;
@@ -122,34 +122,13 @@ pub fn assess(
         _ => true,
     };
 
-    // The database, then the queries of known objects: every pair of them is compared once.
-    let joined: Vec<Signatures> = reference
-        .iter()
-        .enumerate()
-        .map(|(channel, database)| {
-            let database = (0..database.clouds()).map(|cloud| database.signature(cloud));
-            let all: Vec<Signature> = database
-                .chain(asked.iter().map(|&query| queries[query].signatures[channel].clone()))
-                .collect();
-            all.iter().collect()
-        })
-        .collect();
-    let channels_of: Vec<(&Signatures, SetDistance, f64)> = channels(&descriptor, scales.as_deref(), &joined);
     let mut objects: Vec<u32> = clouds.iter().map(|cloud| numbers[&*cloud.instance]).collect();
-    let database = objects.len();
     objects.extend(asked.iter().map(|&query| numbers[&*queries[query].instance]));
-    let held_out =
-        HeldOut::new(recognition.as_ref(), &LabelledClouds { channels: &channels_of, objects: &objects });
-    let mut of_object: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
-    for (query, &object) in objects.iter().enumerate().skip(database) {
-        of_object.entry(object).or_default().push(query);
-    }
-    let without = |(object, queries): (u32, Vec<usize>)| {
-        ((0..database).filter(|&cloud| objects[cloud] != object).collect(), queries)
-    };
-    let rounds: Vec<(Vec<usize>, Vec<usize>)> = of_object.into_iter().map(without).collect();
-    let left_out = held_out.ask_all(&rounds).concat();
-    let left_out: Vec<Evidence> = left_out.iter().map(|answer| answer.evidence).collect();
+    let known: Vec<&Query> = asked.iter().map(|&query| &queries[query]).collect();
+    let joined = joined(&reference, &known);
+    let of_all = channels(&descriptor, scales.as_deref(), &joined);
+    let labelled = LabelledClouds { channels: &of_all, objects: &objects };
+    let left_out = without_their_object(recognition.as_ref(), &labelled, clouds.len());
 
     let known: Vec<Evidence> = asked.iter().filter_map(|&query| answers[query].evidence).collect();
     let (sequences, _) = reject::sequences(&clouds);
@@ -174,6 +153,36 @@ pub fn assess(
         curve,
         separation: rule.and_then(|rule| separation(&rule, &known, &left_out)),
     })
+}
+
+/// The signatures of the database, and after them those of the queries, of each channel: every pair is compared once.
+fn joined(database: &[Signatures], queries: &[&Query]) -> Vec<Signatures> {
+    let of_channel = |(channel, database): (usize, &Signatures)| {
+        let database = (0..database.clouds()).map(|cloud| database.signature(cloud));
+        let queries = queries.iter().map(|query| query.signatures[channel].clone());
+        let all: Vec<Signature> = database.chain(queries).collect();
+        all.iter().collect()
+    };
+    database.iter().enumerate().map(of_channel).collect()
+}
+
+/// What is answered to each query when the database lacks its object. The first `database` clouds are the database, the
+/// others the queries.
+fn without_their_object(
+    recognition: Option<&recogniser::Settings>,
+    clouds: &LabelledClouds<'_>,
+    database: usize,
+) -> Vec<Evidence> {
+    let mut of_object: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+    for (query, &object) in clouds.objects.iter().enumerate().skip(database) {
+        of_object.entry(object).or_default().push(query);
+    }
+    let without = |(object, queries): (u32, Vec<usize>)| {
+        ((0..database).filter(|&cloud| clouds.objects[cloud] != object).collect(), queries)
+    };
+    let rounds: Vec<(Vec<usize>, Vec<usize>)> = of_object.into_iter().map(without).collect();
+    let answers = HeldOut::new(recognition, clouds).ask_all(&rounds).concat();
+    answers.iter().map(|answer| answer.evidence).collect()
 }
 
 /// What an artefact says of a query.

@@ -225,32 +225,42 @@ impl<'a> SearchLoop<'a> {
             // Whoever is best decides what comes next: more than one has to say so.
             self.confirm(&descriptors[state.best as usize]);
             if let Some(stop_reason) = state.stop {
-                self.drop_wrong()?;
-                let front = self.front(&search).await?;
-                front.iter().for_each(|point| self.confirm(&point.descriptor));
-                let points = front.iter().map(|point| point.found.clone());
-                let first = points.reduce(|leader, point| point.or_leader(Some(leader), experiment.winner()));
-                let winner = first.unwrap_or(state.winner);
-                let descriptor = decode(self.experiment.space(), &winner.individual);
-                if let Some(max_cost) =
-                    self.experiment.max_cost().filter(|_| !self.experiment.affords(&descriptor))
-                {
-                    return Err(RunError::TooCostly { max_cost, least: self.least_cost });
-                }
-                return Ok(SearchResult {
-                    stop_reason,
-                    generations: generation,
-                    train: self.counts.train.measured(&descriptor)?,
-                    winner,
-                    front,
-                    descriptor,
-                    computed: self.computed,
-                    remembered: self.remembered,
-                    counts: std::mem::take(&mut self.counts),
-                    scales: std::mem::take(&mut self.scales),
-                });
+                return self.result(&search, state.winner, (generation, stop_reason)).await;
             }
         }
+    }
+
+    /// What a search that ends has found. With several objectives, the winner is the best of the front; else it is `last`,
+    /// the best so far.
+    async fn result(
+        &mut self,
+        search: &Search,
+        last: Found,
+        (generations, stop_reason): (u32, StopReason),
+    ) -> Result<SearchResult, RunError> {
+        self.drop_wrong()?;
+        let experiment = self.experiment;
+        let front = self.front(search).await?;
+        front.iter().for_each(|point| self.confirm(&point.descriptor));
+        let points = front.iter().map(|point| point.found.clone());
+        let first = points.reduce(|leader, point| point.or_leader(Some(leader), experiment.winner()));
+        let winner = first.unwrap_or(last);
+        let descriptor = decode(experiment.space(), &winner.individual);
+        if let Some(max_cost) = experiment.max_cost().filter(|_| !experiment.affords(&descriptor)) {
+            return Err(RunError::TooCostly { max_cost, least: self.least_cost });
+        }
+        Ok(SearchResult {
+            stop_reason,
+            generations,
+            train: self.counts.train.measured(&descriptor)?,
+            winner,
+            front,
+            descriptor,
+            computed: self.computed,
+            remembered: self.remembered,
+            counts: std::mem::take(&mut self.counts),
+            scales: std::mem::take(&mut self.scales),
+        })
     }
 
     /// Has what the run knows of a descriptor confirmed, once.
