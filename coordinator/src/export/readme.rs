@@ -46,27 +46,10 @@ pub(super) enum Origin<'a> {
 impl About<'_> {
     /// The text.
     pub(super) fn text(&self) -> String {
-        let Self { name, run_digest, origin, descriptor, preprocess, clouds, scales, .. } = self;
+        let Self { name, run_digest, descriptor, preprocess, clouds, scales, .. } = self;
         let objects: BTreeSet<_> = clouds.iter().map(|row| (&row.category, &row.instance)).collect();
         let categories: BTreeSet<_> = clouds.iter().map(|row| &row.category).collect();
-        let (which, experiment) = match origin {
-            Origin::Run { row, which, .. } => {
-                let which = match which {
-                    DescriptorChoice::Evolved | DescriptorChoice::Searched => "The descriptor".to_owned(),
-                    DescriptorChoice::Point(point) => {
-                        format!("The descriptor that is point {point} of the front")
-                    }
-                    DescriptorChoice::Paper => {
-                        "The paper's own best descriptor, and the reference clouds".to_owned()
-                    }
-                    DescriptorChoice::Structure(_) => {
-                        "A structure from a file, and the reference clouds".to_owned()
-                    }
-                };
-                (which, format!("experiment {name}, seed {}", row.seed))
-            }
-            Origin::Artefact => ("The artefact".to_owned(), format!("experiment {name}")),
-        };
+        let (which, experiment) = self.which();
         let (unit, length) = match preprocess.unit {
             Unit::Metre => ("metres", "m"),
             Unit::Millimetre => ("millimetres", "mm"),
@@ -100,24 +83,7 @@ impl About<'_> {
         );
         text.push_str("## How well\n\n");
         text.push_str(&self.errors());
-        let (sum, kept) = match descriptor {
-            Descriptor::Structure(structure) if structure.has_value_weights() => (
-                "the sum over the channels of weight / scale times the distance, χ² unless the channel names another, of \
-                 the centroids plus that of the standard deviations of its rows, both times value_weights where a channel \
-                 has some",
-                "centroid and standard deviation of its rows in each channel, times its value_weights",
-            ),
-            Descriptor::Structure(_) => (
-                "the sum over the channels of weight / scale times the distance, χ² unless the channel names another, of \
-                 the centroids plus that of the standard deviations of its rows",
-                "centroid and standard deviation of its rows in each channel",
-            ),
-            _ => (
-                "w · shape + (1 − w) · colour, each the χ² distance \
-                 of the centroids plus that of the standard deviations of all keypoints' histograms",
-                "centroid and standard deviation of its shape and colour histograms",
-            ),
-        };
+        let (sum, kept) = set_distance(descriptor);
         let _ = write!(
             text,
             "\n## The numbers\n\n\
@@ -150,6 +116,28 @@ impl About<'_> {
              come to these numbers.\n",
         );
         text
+    }
+
+    /// What was exported, and of which experiment.
+    fn which(&self) -> (String, String) {
+        match self.origin {
+            Origin::Run { row, which, .. } => {
+                let which = match which {
+                    DescriptorChoice::Evolved | DescriptorChoice::Searched => "The descriptor".to_owned(),
+                    DescriptorChoice::Point(point) => {
+                        format!("The descriptor that is point {point} of the front")
+                    }
+                    DescriptorChoice::Paper => {
+                        "The paper's own best descriptor, and the reference clouds".to_owned()
+                    }
+                    DescriptorChoice::Structure(_) => {
+                        "A structure from a file, and the reference clouds".to_owned()
+                    }
+                };
+                (which, format!("experiment {}, seed {}", self.name, row.seed))
+            }
+            Origin::Artefact => ("The artefact".to_owned(), format!("experiment {}", self.name)),
+        }
     }
 
     /// Where the reference clouds come from.
@@ -273,6 +261,28 @@ impl About<'_> {
             error(test.object_errors()),
             error(test.category_errors()),
         )
+    }
+}
+
+/// How the signatures of two clouds are compared, and what is kept of a cloud.
+fn set_distance(descriptor: &Descriptor) -> (&'static str, &'static str) {
+    match descriptor {
+        Descriptor::Structure(structure) if structure.has_value_weights() => (
+            "the sum over the channels of weight / scale times the distance, χ² unless the channel names another, of \
+             the centroids plus that of the standard deviations of its rows, both times value_weights where a channel \
+             has some",
+            "centroid and standard deviation of its rows in each channel, times its value_weights",
+        ),
+        Descriptor::Structure(_) => (
+            "the sum over the channels of weight / scale times the distance, χ² unless the channel names another, of \
+             the centroids plus that of the standard deviations of its rows",
+            "centroid and standard deviation of its rows in each channel",
+        ),
+        _ => (
+            "w · shape + (1 − w) · colour, each the χ² distance \
+                 of the centroids plus that of the standard deviations of all keypoints' histograms",
+            "centroid and standard deviation of its shape and colour histograms",
+        ),
     }
 }
 
