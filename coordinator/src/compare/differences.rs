@@ -192,9 +192,18 @@ mod tests {
             high - low
         };
         assert!(width(&one_object) > 2.0 * width(&spread));
-        let again = error_interval(&spread, Level::Object, &labels(), 7);
-        assert_eq!(again, error_interval(&spread, Level::Object, &labels(), 7), "the seed decides");
         assert_eq!(error_interval(&outcomes("c", |_| None), Level::Object, &labels(), 7), None);
+    }
+
+    #[test]
+    fn seed_and_purpose_decide_what_is_drawn() {
+        // Sums so different that no two samples have the same ends.
+        let objects: Vec<Cluster> =
+            (0..20).map(|object| Cluster { sum: f64::from(object * object) / 7.0, clouds: 60 }).collect();
+        let by = |purpose, seed| resampled(&objects, purpose, seed).unwrap();
+        assert_eq!(by("error of a", 7), by("error of a", 7));
+        assert_ne!(by("error of a", 7), by("error of a", 8));
+        assert_ne!(by("error of a", 7), by("error of b", 7));
     }
 
     #[test]
