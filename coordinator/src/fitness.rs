@@ -1,6 +1,8 @@
 //! What a search's fitness counts: which clouds are matched with which, and how much each of these protocols weighs
 //! (DESIGN 5b).
 
+use std::fmt;
+
 use proto::task::{Exclusion, MatchingRule, Objective};
 use results::Counts;
 
@@ -110,6 +112,11 @@ impl Fitness {
         self.objective
     }
 
+    /// Whether it counts what the paper's does, so that a grid counts it, too; the margin only breaks ties.
+    pub fn counts_as_the_paper(&self) -> bool {
+        Self { margin: false, ..*self } == Self::PAPER
+    }
+
     /// Whether equal counts are told apart by the soft margin.
     pub fn has_margin(&self) -> bool {
         self.margin
@@ -173,6 +180,20 @@ impl Fitness {
             queries: counts.queries,
             margin: margin.unwrap_or_default(),
             further: [0; 2],
+        }
+    }
+}
+
+/// As the keys of `[search.fitness]` that determine what is counted: `split = 1, cross-sequence = 2`.
+impl fmt::Display for Fitness {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (place, (protocol, weight)) in self.protocols().enumerate() {
+            let comma = if place == 0 { "" } else { ", " };
+            write!(f, "{comma}{} = {weight}", protocol.name())?;
+        }
+        match self.objective {
+            Objective::Object => Ok(()),
+            Objective::Category => write!(f, ", objective = \"category\""),
         }
     }
 }

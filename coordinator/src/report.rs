@@ -10,7 +10,7 @@ use results::{
     ChannelPairs, FinishedRun, PredictionSplit, SeenCloud, ShownCloud, Told, WinnerChannel, WrongClouds,
 };
 
-use crate::compare::verdict;
+use crate::compare::verdict_of_run;
 use crate::examine::{DecimatedCloud, ExamineError, Examiner, Explanation};
 use crate::experiment::{Experiment, Overrides};
 use crate::looks;
@@ -24,12 +24,9 @@ const POINTS: usize = 1200;
 /// What is known of the run in a folder. A run is shown as well whose experiment, comparison or clouds this program cannot
 /// read: then there is less to say. That its test clouds are shown is noted in the folder, once.
 pub fn told(folder: &Path) -> Told {
-    let verdict = || {
-        let (rows, pairs) = (results::read_comparison(folder).ok()?, results::read_pairs(folder).ok()?);
-        Some(verdict(&rows, &pairs, &results::read_front(folder).ok()?))
-    };
-    let mut told = Told { verdict: verdict().unwrap_or_default(), ..Told::default() };
-    let Ok(finished) = results::read_run(folder) else { return told };
+    let Ok(finished) = results::read_run(folder) else { return Told::default() };
+    let verdict = verdict_of_run(folder, &finished.row).unwrap_or_default();
+    let mut told = Told { verdict, ..Told::default() };
     let record = &finished.row.resolved_toml;
     let experiment = match Experiment::from_record(record, folder, None, Overrides::default()) {
         Ok(experiment) => experiment,

@@ -61,7 +61,7 @@ pub use report::{
     Told, WinnerChannel, WrongClouds, cloud_bytes,
 };
 pub use schema::schema_markdown;
-pub use statistics::{Cluster, ErrorRate, RankSum, bootstrap, holm, mcnemar, rank_sum, wilson};
+pub use statistics::{Cluster, ErrorRate, RankSum, bootstrap, holm, mcnemar, rank_sum, tango, wilson};
 pub use table_name::TableName;
 pub use tables::Table;
 pub use tables::comparison::{

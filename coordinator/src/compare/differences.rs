@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use descriptor::{Label, random};
 use rand::RngExt as _;
-use results::{Cluster, Counts, PairRow, bootstrap, holm, mcnemar};
+use results::{Cluster, Counts, ErrorRate, PairRow, RunRow, bootstrap, holm, mcnemar, tango};
 
 /// A p-value below it, after Holm, is evidence of a difference.
 pub const SIGNIFICANCE: f64 = 0.05;
@@ -25,6 +25,27 @@ pub enum Level {
 impl Level {
     /// Both.
     pub const ALL: [Self; 2] = [Self::Object, Self::Category];
+
+    /// What a run's fitness counts.
+    pub fn of(run: &RunRow) -> Self {
+        if run.counts_categories() { Self::Category } else { Self::Object }
+    }
+
+    /// What a cloud is called of which it is not recognised.
+    pub fn wrong(self) -> &'static str {
+        match self {
+            Self::Object => "wrong",
+            Self::Category => "taken for another category",
+        }
+    }
+
+    /// What is wrong at this level.
+    pub fn errors(self, counts: Counts) -> ErrorRate {
+        match self {
+            Self::Object => counts.object_errors(),
+            Self::Category => counts.category_errors(),
+        }
+    }
 
     /// Its name in tables.
     pub fn name(self) -> &'static str {
@@ -59,23 +80,15 @@ impl Outcomes {
     /// nothing.
     pub fn intervals(&self, level: Level, queries: &[Label], seed: u64) -> [[f64; 2]; 2] {
         let counts = self.counts();
-        let by_wilson = [counts.object_errors(), counts.category_errors()][level as usize].interval();
+        let by_wilson = level.errors(counts).interval();
         [by_wilson, error_interval(self, level, queries, seed).unwrap_or(by_wilson)]
     }
 }
 
-/// The 95 % interval of a descriptor's error by the bootstrap over objects; `None` if it describes no query, or if none or
-/// all are wrong: then resamples are all the same, and say nothing of how sure that is.
+/// The 95 % interval of a descriptor's error by the bootstrap over objects; `None` if it says nothing, as [`resampled`].
 fn error_interval(outcomes: &Outcomes, level: Level, queries: &[Label], seed: u64) -> Option<[f64; 2]> {
     let wrong = |query| outcomes.at(level, query).map(|right| f64::from(u8::from(!right)));
-    let objects = clusters(queries, wrong);
-    let are_all_the_same = [0.0, 1.0]
-        .into_iter()
-        .any(|share| objects.iter().all(|object| object.sum == share * f64::from(object.clouds)));
-    if are_all_the_same {
-        return None;
-    }
-    resampled(&objects, &format!("error of {} {}", level.name(), outcomes.label), seed)
+    resampled(&clusters(queries, wrong), &format!("error of {} {}", level.name(), outcomes.label), seed)
 }
 
 /// Every pair of descriptors, on the queries that both describe.
@@ -93,6 +106,7 @@ pub fn pairs(all: &[impl Borrow<Outcomes>], level: Level, queries: &[Label], see
     rows
 }
 
+/// `None` if no query is described by both.
 fn pair([a, b]: [&Outcomes; 2], level: Level, queries: &[Label], seed: u64) -> Option<PairRow> {
     let both = |query| a.at(level, query).zip(b.at(level, query));
     let mut outcomes = [0; 4];
@@ -102,7 +116,12 @@ fn pair([a, b]: [&Outcomes; 2], level: Level, queries: &[Label], seed: u64) -> O
     let difference = |query| both(query).map(|(a, b)| f64::from(i8::from(b) - i8::from(a)));
     let purpose = format!("difference of {} {} {}", level.name(), a.label, b.label);
     let [both_right, only_a, only_b, both_wrong] = outcomes;
-    let [difference_low, difference_high] = resampled(&clusters(queries, difference), &purpose, seed)?;
+    let of: u32 = outcomes.iter().sum();
+    if of == 0 {
+        return None;
+    }
+    let [difference_low, difference_high] = resampled(&clusters(queries, difference), &purpose, seed)
+        .unwrap_or_else(|| tango(only_a, only_b, of));
     let p_value = mcnemar(only_a, only_b);
     Some(PairRow {
         level: level.name().to_owned(),
@@ -137,8 +156,16 @@ fn clusters(queries: &[Label], of: impl Fn(usize) -> Option<f64>) -> Vec<Cluster
     objects.into_values().collect()
 }
 
-/// The 95 % interval of the mean over clouds, by the bootstrap over objects.
+/// The 95 % interval of the mean over clouds, by the bootstrap over objects; `None` if there is no cloud, and if all objects
+/// have the same mean, as where none or all clouds are wrong, or where there is one object: then resamples are all the
+/// same, and say nothing of how sure that is.
 fn resampled(objects: &[Cluster], purpose: &str, seed: u64) -> Option<[f64; 2]> {
+    let first = objects.first()?;
+    let is_as_first =
+        |other: &Cluster| other.sum * f64::from(first.clouds) == first.sum * f64::from(other.clouds);
+    if objects.iter().all(is_as_first) {
+        return None;
+    }
     let mut rng = random::stream(seed, purpose, &[]);
     bootstrap(objects, RESAMPLES, |below| rng.random_range(0..below as u64) as usize)
 }
@@ -179,7 +206,8 @@ mod tests {
         let all = [outcomes("a", |_| Some(false)), outcomes("b", |_| Some(true))];
         let [row] = &pairs(&all, Level::Category, &labels(), 1)[..] else { panic!("one pair") };
         assert_eq!((row.both_right, row.only_a, row.only_b, row.both_wrong), (60, 0, 0, 0));
-        assert_eq!((row.p_value, row.difference_low, row.difference_high), (1.0, 0.0, 0.0));
+        // Which is no proof that they are equal.
+        assert_eq!((row.p_value, [row.difference_low, row.difference_high]), (1.0, tango(0, 0, 60)));
     }
 
     #[test]
@@ -215,8 +243,31 @@ mod tests {
         // One cloud that is wrong, or right: resamples differ.
         assert!(interval(|query| query != 3).unwrap()[1] > 0.0);
         assert!(interval(|query| query == 3).unwrap()[0] < 1.0);
+        // One of ten clouds of each object: all resamples have the same error.
+        assert_eq!(interval(|query| query % 10 != 0), None);
         // Whole objects that are wrong are not all.
         assert_eq!(interval(|query| query < 30).map(|[low, high]| low < 0.5 && high > 0.5), Some(true));
+    }
+
+    #[test]
+    fn a_difference_that_resampling_says_nothing_of_has_an_interval_all_the_same() {
+        let pair = |right: fn(usize) -> bool| {
+            let all = [outcomes("a", |_| Some(true)), outcomes("b", |query| Some(right(query)))];
+            pairs(&all, Level::Object, &labels(), 1).remove(0)
+        };
+        // The same answers; one cloud of each object; all clouds.
+        for (row, only_a) in [(pair(|_| true), 0), (pair(|query| query % 10 != 0), 6), (pair(|_| false), 60)]
+        {
+            let interval = [row.difference_low, row.difference_high];
+            assert_eq!((interval, row.only_a), (tango(only_a, 0, 60), only_a));
+            assert!(interval[0] < interval[1], "{interval:?}");
+        }
+        // No query that both describe.
+        let none = [
+            outcomes("a", |query| (query < 30).then_some(true)),
+            outcomes("b", |query| (query >= 30).then_some(true)),
+        ];
+        assert_eq!(pairs(&none, Level::Object, &labels(), 1), []);
     }
 
     #[test]

@@ -5,6 +5,7 @@ mod candidate;
 mod curve;
 mod described;
 mod describing;
+mod difference;
 mod differences;
 mod earlier;
 mod error;
@@ -41,6 +42,8 @@ use crate::storage;
 pub use candidate::{Candidate, Choice, EVOLVED, Named, PAPER, label};
 use described::{Described, Shards};
 use describing::Describing;
+pub use difference::{Difference, differences};
+pub use differences::Level;
 use earlier::{Earlier, Measured};
 pub use error::CompareError;
 pub use foreign::ForeignSource;
@@ -58,7 +61,7 @@ use tables::{Compared, Tables};
 pub use timing::listing as test_listing;
 use timing::time;
 use transport::Port;
-pub use verdict::{Difference, differences, verdict};
+pub use verdict::{verdict, verdict_of_run};
 
 /// What is compared, and how.
 #[derive(Clone, Debug)]
@@ -224,7 +227,7 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
     }
     let Tabulated { rows, pairs, perturbed, .. } = compared?;
     let name = run.row.name.clone();
-    Ok(Comparison { name, rows, pairs, front, perturbed, looks, folder: place })
+    Ok(Comparison { name, level: Level::of(&run.row), rows, pairs, front, perturbed, looks, folder: place })
 }
 
 /// How the record of looks names what is done.

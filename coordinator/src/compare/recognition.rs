@@ -24,7 +24,7 @@ pub struct Recognition {
     pub database: u32,
     /// Mean number of keypoints of a cloud, where descriptions tell it.
     pub keypoints_per_cloud: Option<f64>,
-    /// Of all pairs, if they are not too many, and of nearest clouds.
+    /// Of all pairs, if they are not too many and some show the same object, and of nearest clouds.
     pub curves: Vec<Curve>,
     /// Query, database cloud and their distance; empty if they are too many, and of recognisers that learn.
     pub distances: Vec<DistanceRow>,
@@ -181,7 +181,11 @@ impl Recognition {
             let judged: Vec<(f64, bool)> =
                 pairs.iter().map(|&(query, cloud, distance)| (distance, same(query, cloud))).collect();
             let relevant = judged.iter().filter(|pair| pair.1).count() as u64;
-            curves.push(curve("all", judged, relevant));
+            // Of objects of which the database has no cloud, as leave-instance-out leaves them, recall is a share of
+            // nothing.
+            if relevant > 0 {
+                curves.push(curve("all", judged, relevant));
+            }
         }
         curves.push(nearest_curve(&matches, same));
         Self {

@@ -9,7 +9,7 @@ use results::{ComparedRow, FrontRow, PairRow, PerturbedRow, Times};
 use serde_json::{Value, json};
 
 use super::candidate::PAPER;
-use super::differences::{SIGNIFICANCE, probability};
+use super::differences::{Level, SIGNIFICANCE, probability};
 use super::foreign::GIVEN;
 use super::verdict::verdict;
 use crate::lines::{percent, table, wrapped};
@@ -19,6 +19,8 @@ use crate::lines::{percent, table, wrapped};
 pub struct Comparison {
     /// Name of the experiment.
     pub name: String,
+    /// What the run's fitness counts.
+    pub level: Level,
     /// The descriptors.
     pub rows: Vec<ComparedRow>,
     /// Every pair of them, objects first.
@@ -53,10 +55,15 @@ impl Comparison {
     /// Tables for a terminal.
     pub fn text(&self) -> String {
         let Some(first) = self.rows.first() else { return String::new() };
+        // Those that a descriptor cannot describe are named with it.
+        let databases = self.rows.iter().map(|row| row.database);
+        let [least, most] = [databases.clone().min(), databases.max()].map(Option::unwrap_or_default);
+        let database = if least == most { most.to_string() } else { format!("{least} to {most}") };
         let mut text = wrapped(
             &format!(
-                "{}: {} test clouds against {}; 95 % intervals by Wilson (clouds) and bootstrap over objects",
-                self.name, first.counts.queries, first.database
+                "{}: {} test clouds against {database}; 95 % intervals by Wilson (clouds) and bootstrap over objects",
+                self.name,
+                first.counts.queries + first.skipped
             ),
             2,
         );
@@ -107,7 +114,7 @@ impl Comparison {
         text += &self.perturbed_text();
         let times = if self.looks == 1 { "once".to_owned() } else { format!("{} times", self.looks) };
         text += "\n";
-        for sentence in verdict(&self.rows, &self.pairs, &self.front) {
+        for sentence in verdict(self.level, &self.rows, &self.pairs, &self.front) {
             text += &wrapped(&sentence, 2);
         }
         text +=
@@ -132,14 +139,18 @@ impl Comparison {
 
     /// Nothing if no times were measured.
     fn times_text(&self) -> String {
-        let Some(first) = self.rows.iter().find_map(|row| row.times.as_ref()) else { return String::new() };
+        let measured = self.rows.iter().filter_map(|row| row.times.as_ref());
+        let hardware: BTreeSet<&str> = measured.map(|times| times.hardware.as_str()).collect();
+        if hardware.is_empty() {
+            return String::new();
+        }
         let title = ["descriptor", "seconds", "signatures", "/ paper", "normals", "describe", "match"];
         let mut lines = vec![texts(title)];
-        let paper = self.rows.iter().find(|row| row.descriptor == PAPER).and_then(|row| row.times.as_ref());
+        let paper = self.rows.iter().find(|row| row.descriptor == PAPER);
         lines.extend(self.rows.iter().map(|row| {
             let times = row.times.as_ref();
             let signatures = times.map(Times::signatures);
-            let ratio = signatures.zip(paper).map(|(own, paper)| own / paper.signatures());
+            let ratio = paper.and_then(|paper| row.mean_time_beside(paper));
             vec![
                 row.descriptor.clone(),
                 optional(times.map(|times| times.total), 2),
@@ -152,8 +163,8 @@ impl Comparison {
         }));
         let seconds = format!(
             "seconds: read to match, queries and database, one thread of {}; signatures: keypoints, normals and describe, and how \
-             many times the paper's",
-            first.hardware
+             many times the paper's on the same processor",
+            hardware.into_iter().collect::<Vec<_>>().join(" or ")
         );
         format!("\n{}{}", table(&lines), wrapped(&seconds, 2))
     }
@@ -294,7 +305,7 @@ impl Comparison {
             "name": self.name,
             "run": self.folder.display().to_string(),
             "looks": self.looks,
-            "verdict": verdict(&self.rows, &self.pairs, &self.front),
+            "verdict": verdict(self.level, &self.rows, &self.pairs, &self.front),
             "descriptors": self.rows.iter().map(descriptor).collect::<Vec<_>>(),
             "pairs": self.pairs.iter().map(pair).collect::<Vec<_>>(),
             "perturbed": self.perturbed.iter().map(perturbed).collect::<Vec<_>>(),

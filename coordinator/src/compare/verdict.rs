@@ -1,45 +1,68 @@
 //! What a comparison says of the run's descriptor, in sentences: whether it is better, how sure that is, at what price.
 
+use std::path::Path;
+
 use descriptor::FixedKind;
 use descriptor::recogniser::Method;
-use results::{ComparedRow, FrontRow, PairRow, holm};
+use results::{ComparedRow, FrontRow, PairRow, RunRow};
 
-use super::candidate::{EVOLVED, L1_SUFFIX, PAPER, label, point_name, split_label};
-use super::differences::{Level, SIGNIFICANCE, probability};
-use crate::lines::percent;
+use super::candidate::{EVOLVED, PAPER, point_name};
+use super::difference::{Difference, correct, differences, price};
+use super::differences::Level;
 
 /// A sentence on the run's descriptor against the paper's, and one against that of the others with fewest errors; and of
 /// each recogniser that learns one against the nearest cloud, and one against the others by the same recogniser. None
 /// where there is nothing to set it against. Last, one on the points of the run's `front` against PFHRGB, where the table
-/// has both.
-pub fn verdict(rows: &[ComparedRow], pairs: &[PairRow], front: &[FrontRow]) -> Vec<String> {
+/// has both. Errors are of what the run's fitness counts.
+pub fn verdict(level: Level, rows: &[ComparedRow], pairs: &[PairRow], front: &[FrontRow]) -> Vec<String> {
     let of_method = |method: Method| {
-        let differences = differences(rows, pairs, method);
+        let differences = differences(rows, pairs, (level, method));
         let first = match method {
             Method::Nearest => PAPER,
             _ => EVOLVED,
         };
         let (first, others): (Vec<_>, Vec<_>) =
             differences.into_iter().partition(|one| one.other.descriptor == first);
-        let error = |one: &Difference<'_>| one.other.counts.object_error();
-        let best = others.into_iter().min_by(|a, b| error(a).total_cmp(&error(b)));
+        // Each on the clouds that the run's describes, too: one that describes few of them may have few errors.
+        let best = others.into_iter().min_by(|a, b| a.points.total_cmp(&b.points));
         first.into_iter().chain(best).map(|one| one.sentence()).collect::<Vec<_>>()
     };
-    Method::ALL.into_iter().flat_map(of_method).chain(points_against_pfhrgb(rows, pairs, front)).collect()
+    Method::ALL
+        .into_iter()
+        .flat_map(of_method)
+        .chain(points_against_pfhrgb(level, rows, pairs, front))
+        .collect()
+}
+
+/// The verdict of a run, from the tables of its folder: nothing where there is no comparison.
+///
+/// # Errors
+/// If a table cannot be read.
+pub fn verdict_of_run(folder: &Path, run: &RunRow) -> Result<Vec<String>, results::Error> {
+    let (rows, pairs) = (results::read_comparison(folder)?, results::read_pairs(folder)?);
+    Ok(verdict(Level::of(run), &rows, &pairs, &results::read_front(folder)?))
 }
 
 /// Which of the front's points in the table is the fastest that is better than PFHRGB. Fast means a low counted cost: that
 /// is the same on every machine, and known of points whose time nobody has measured.
-fn points_against_pfhrgb(rows: &[ComparedRow], pairs: &[PairRow], front: &[FrontRow]) -> Option<String> {
+fn points_against_pfhrgb(
+    level: Level,
+    rows: &[ComparedRow],
+    pairs: &[PairRow],
+    front: &[FrontRow],
+) -> Option<String> {
     let row = |name: &str| rows.iter().find(|row| row.descriptor == name);
     let pfhrgb = row(FixedKind::PfhRgb.name())?;
     let against = |point: &FrontRow| {
-        Some((Difference::between(row(&point_name(point.point))?, pfhrgb, pairs)?, point.cost))
+        Some((Difference::between(level, [row(&point_name(point.point))?, pfhrgb], pairs)?, point.cost))
     };
     let (mut compared, costs): (Vec<_>, Vec<u64>) = front.iter().filter_map(against).unzip();
     correct(&mut compared);
     let better = compared.iter().zip(costs).filter(|(one, _)| one.points > 0.0 && one.is_sure());
-    let fastest = better.min_by_key(|(one, cost)| (*cost, one.own.counts.object_errors().wrong)); // the first of equals
+    let order = |(a, cost): &(&Difference<'_>, u64), (b, other): &(&Difference<'_>, u64)| {
+        cost.cmp(other).then(b.points.total_cmp(&a.points))
+    };
+    let fastest = better.min_by(order); // the first of equals
     let best = compared.iter().min_by(|a, b| b.points.total_cmp(&a.points))?;
     Some(match (&compared[..], fastest) {
         ([only], _) => only.sentence(),
@@ -61,117 +84,11 @@ fn points_against_pfhrgb(rows: &[ComparedRow], pairs: &[PairRow], front: &[Front
     })
 }
 
-/// The run's descriptor against another on the same clouds.
-pub struct Difference<'a> {
-    own: &'a ComparedRow,
-    /// The other.
-    pub other: &'a ComparedRow,
-    /// By how many points the run's descriptor has fewer errors of objects.
-    pub points: f64,
-    /// The 95 % interval of that, by the bootstrap over objects.
-    interval: [f64; 2],
-    /// McNemar's test after Holm, over all others that the run's descriptor is set against by this recogniser: how they
-    /// differ among themselves says nothing of it.
-    p: f64,
-}
-
-/// How the run's descriptor under a recogniser differs from the others. Like is set against like: descriptors by χ² and
-/// the same recogniser, one that learns against the nearest cloud, too.
-pub fn differences<'a>(rows: &'a [ComparedRow], pairs: &[PairRow], method: Method) -> Vec<Difference<'a>> {
-    let label = label(EVOLVED, method);
-    let Some(own) = rows.iter().find(|row| row.descriptor == label) else { return Vec::new() };
-    let is_other = |row: &&ComparedRow| {
-        let by_l1 = split_label(&row.descriptor).0.ends_with(L1_SUFFIX);
-        let is_alike = row.recogniser == own.recogniser && !by_l1;
-        *row != own && (is_alike || row.descriptor == EVOLVED)
-    };
-    let mut differences: Vec<Difference<'a>> =
-        rows.iter().filter(is_other).filter_map(|other| Difference::between(own, other, pairs)).collect();
-    correct(&mut differences);
-    differences
-}
-
-/// Holm's correction for all of these.
-fn correct(differences: &mut [Difference<'_>]) {
-    let adjusted = holm(&differences.iter().map(|one| one.p).collect::<Vec<f64>>());
-    differences.iter_mut().zip(adjusted).for_each(|(one, adjusted)| one.p = adjusted);
-}
-
-impl<'a> Difference<'a> {
-    /// Of two descriptors, not corrected; `None` if no query is described by both.
-    fn between(own: &'a ComparedRow, other: &'a ComparedRow, pairs: &[PairRow]) -> Option<Self> {
-        let names = [own.descriptor.as_str(), &other.descriptor];
-        let is_pair = |pair: &&PairRow| {
-            let compared = [pair.descriptor_a.as_str(), &pair.descriptor_b];
-            pair.level == Level::Object.name() && names.iter().all(|name| compared.contains(name))
-        };
-        let pair = pairs.iter().find(is_pair)?;
-        let sign = if pair.descriptor_a == names[0] { -100.0 } else { 100.0 };
-        let [a, b] = [pair.difference_low, pair.difference_high].map(|end| sign * end);
-        let (points, interval) = (sign * pair.error_difference(), [a.min(b), a.max(b)]);
-        Some(Self { own, other, points, interval, p: pair.p_value })
-    }
-
-    /// Whether it is hardly chance.
-    pub fn is_sure(&self) -> bool {
-        self.p < SIGNIFICANCE
-    }
-
-    fn sentence(&self) -> String {
-        let Self { own, other, points, .. } = self;
-        let [own_name, name] = [&own.descriptor, &other.descriptor];
-        let found = if self.is_sure() {
-            let better = if *points > 0.0 { "better" } else { "worse" };
-            format!("{own_name} is {better} than {name}: {}", self.errors())
-        } else if *points == 0.0 {
-            let error = percent(own.counts.object_error());
-            format!("{own_name} and {name} have equally many clouds wrong: {error}")
-        } else {
-            format!("no evidence that {own_name} differs from {name}: {}", self.errors())
-        };
-        found + &price(own, other)
-    }
-
-    /// Both errors, how far apart they are, and how sure that is.
-    fn errors(&self) -> String {
-        let Self { own, other, points, interval, p } = self;
-        // Rounded here, so that nothing is said to be -0.0.
-        let end = |end: f64| (10.0 * points.signum() * end).round() / 10.0 + 0.0;
-        let [a, b] = interval.map(end);
-        let p = probability(*p);
-        let p = if p.starts_with('<') { format!("p {p}") } else { format!("p = {p}") };
-        let how_sure = format!("95 % interval {:.1} to {:.1}, {p}", a.min(b), a.max(b));
-        let [own_error, other_error] = [own, other].map(|row| percent(row.counts.object_error()));
-        if *points == 0.0 {
-            return format!("{own_error} of clouds wrong, as {} has", other.descriptor);
-        }
-        let more = if *points > 0.0 { "fewer" } else { "more" };
-        let [but, may_be_chance] = if self.is_sure() { [""; 2] } else { ["but ", " may be chance"] };
-        let distance = points.abs();
-        format!(
-            "{own_error} of clouds wrong instead of {other_error}, {but}{distance:.2} points {more}{may_be_chance} \
-             ({how_sure})"
-        )
-    }
-}
-
-/// What it costs against another.
-fn price(own: &ComparedRow, other: &ComparedRow) -> String {
-    let times = own.milliseconds_of_a_cloud().zip(other.milliseconds_of_a_cloud());
-    let times = times.filter(|(_, other)| *other > 0.0);
-    let time = times.map(|(own, other)| match own / other {
-        ratio if ratio < 1.0 => format!("in {:.0} % of the time", 100.0 * ratio),
-        ratio => format!("in {ratio:.1} times the time"),
-    });
-    let sizes = own.cloud_size.zip(other.cloud_size);
-    let size = sizes.map(|(own, other)| format!("with {own} values a cloud instead of {other}"));
-    let parts: Vec<String> = time.into_iter().chain(size).collect();
-    if parts.is_empty() { String::new() } else { format!(", {}", parts.join(" and ")) }
-}
-
 #[cfg(test)]
 mod tests {
     use results::{Counts, Times, mcnemar};
+
+    use super::super::differences::{SIGNIFICANCE, probability};
 
     use super::*;
 
@@ -242,7 +159,7 @@ mod tests {
     fn said_with(rows: &[ComparedRow], front: &[FrontRow]) -> Vec<String> {
         let all = rows.iter().enumerate();
         let pairs = all.flat_map(|(place, a)| rows[place + 1..].iter().map(move |b| pair(a, b)));
-        verdict(rows, &pairs.collect::<Vec<_>>(), front)
+        verdict(Level::Object, rows, &pairs.collect::<Vec<_>>(), front)
     }
 
     #[test]
@@ -289,6 +206,77 @@ mod tests {
     }
 
     #[test]
+    fn errors_are_those_on_the_clouds_that_both_describe() {
+        // Of 200 clouds the other describes 100, and recognises 90 of them; the run's recognises 80 of these, 140 in all.
+        let own = row("evolved", 140, None);
+        let counts = Counts { object_correct: 90, category_correct: 90, queries: 100 };
+        let other = ComparedRow { counts, skipped: 100, ..row("paper", 90, None) };
+        let common = PairRow {
+            both_right: 75,
+            only_a: 5,
+            only_b: 15,
+            both_wrong: 5,
+            p_value: mcnemar(5, 15),
+            ..pair(&own, &other)
+        };
+        let rows = [own, other];
+        let [sentence] = &verdict(Level::Object, &rows, &[common], &[])[..] else { panic!("one sentence") };
+        assert!(
+            sentence.starts_with(
+                "evolved is worse than paper: 20.00 % of the 100 clouds that both describe wrong instead of 10.00 %, 10.00 \
+                 points more"
+            ),
+            "{sentence}"
+        );
+    }
+
+    #[test]
+    fn the_best_of_the_others_is_not_one_that_describes_few_clouds() {
+        let own = row("evolved", 150, None);
+        let all = row("pfhrgb", 150, None);
+        // Of the ten clouds that it describes it recognises nine, and the run's descriptor all.
+        let counts = Counts { object_correct: 9, category_correct: 9, queries: 10 };
+        let few = ComparedRow { counts, skipped: 190, ..row("few", 9, None) };
+        let common = PairRow { both_right: 9, only_a: 1, only_b: 0, both_wrong: 0, ..pair(&own, &few) };
+        let pairs = [pair(&own, &all), common];
+        let sentences = verdict(Level::Object, &[own, all, few], &pairs, &[]);
+        assert_eq!(sentences.len(), 1);
+        assert!(
+            sentences[0].contains("evolved and pfhrgb have equally many clouds wrong: 25.00 %"),
+            "{sentences:?}"
+        );
+    }
+
+    #[test]
+    fn a_search_for_categories_is_judged_by_them() {
+        let rows = [row("evolved", 140, None), row("paper", 180, None)];
+        let of_objects = pair(&rows[0], &rows[1]);
+        let of_categories = PairRow {
+            level: Level::Category.name().to_owned(),
+            both_right: 190,
+            only_a: 10,
+            only_b: 0,
+            both_wrong: 0,
+            p_value: mcnemar(10, 0),
+            ..of_objects.clone()
+        };
+        let sentences = verdict(Level::Category, &rows, &[of_objects, of_categories], &[]);
+        assert!(
+            sentences[0].starts_with(
+                "evolved is better than paper: 0.00 % of clouds taken for another category instead of 5.00 %, 5.00 points \
+                 fewer"
+            ),
+            "{sentences:?}"
+        );
+    }
+
+    #[test]
+    fn what_takes_hardly_any_time_does_not_take_none() {
+        let said = said(&[row("evolved", 140, Some(0.001)), row("paper", 180, Some(4.0))]);
+        assert!(said[0].contains("in less than 1 % of the time"), "{said:?}");
+    }
+
+    #[test]
     fn how_others_differ_among_themselves_weakens_no_evidence() {
         // 12 clouds more of 200: p = 0.0005, which 21 comparisons of others with each other would make 0.01.
         let own = row("evolved", 162, None);
@@ -298,7 +286,7 @@ mod tests {
         let all = rows.iter().enumerate();
         let pairs: Vec<PairRow> =
             all.flat_map(|(place, a)| rows[place + 1..].iter().map(move |b| pair(a, b))).collect();
-        let found = differences(&rows, &pairs, Method::Nearest);
+        let found = differences(&rows, &pairs, (Level::Object, Method::Nearest));
         assert_eq!(found.len(), 7);
         for one in found {
             assert_eq!((one.points, one.is_sure()), (6.0, true));
@@ -358,7 +346,7 @@ mod tests {
         assert_eq!(said(&rows[2..]), Vec::<String>::new());
         assert_eq!(said(&[rows[0].clone(), rows[2].clone()]), Vec::<String>::new());
         // No query is described by both.
-        assert_eq!(verdict(&rows, &[], &[]), Vec::<String>::new());
+        assert_eq!(verdict(Level::Object, &rows, &[], &[]), Vec::<String>::new());
     }
 
     #[test]

@@ -82,15 +82,15 @@ fn genes(experiment: &Experiment) -> Vec<Value> {
 fn errors(finished: &FinishedRun) -> Vec<Value> {
     let row = &finished.row;
     let splits = [
-        ("train", Some(row.train)),
-        ("validation", row.validation),
-        ("train weighed", row.weighted_train),
-        ("test", row.test),
+        ("train", Some(row.train), row.train_effective),
+        ("validation", row.validation, row.validation_effective),
+        ("train weighed", row.weighted_train, row.train_effective),
+        ("test", row.test, None),
     ];
-    let error = |(split, counts): (&str, Option<Counts>)| {
+    let error = |(split, counts, effective): (&str, Option<Counts>, Option<f64>)| {
         let counts = counts?;
         let (object, category) = (counts.object_errors(), counts.category_errors());
-        let [low, high] = object.interval();
+        let [low, high] = object.interval_of(effective);
         Some(json!({
             "split": split, "object_error": object.share(), "object_wrong": object.wrong,
             "category_error": category.share(), "category_wrong": category.wrong,

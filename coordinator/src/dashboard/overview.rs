@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use super::folders::{Found, Kind};
 use super::run_log::{RunLogReader, milliseconds};
-use crate::compare::verdict;
+use crate::compare::verdict_of_run;
 use crate::experiment::{Experiment, Overrides, Plan};
 
 /// Generations whose time says how long the rest will take.
@@ -84,7 +84,10 @@ impl Overview {
         let folder = &self.found.folder;
         let (mut problem, mut is_damaged) = (problem, false);
         self.finished = match results::read_run(folder) {
-            Ok(run) => Some(Finished { verdict: read_verdict(folder).unwrap_or_default(), run }),
+            Ok(run) => {
+                let verdict = verdict_of_run(folder, &run.row).unwrap_or_default();
+                Some(Finished { verdict, run })
+            }
             Err(results::Error::Unfinished(_)) => None,
             Err(error) => {
                 problem = Some(error.to_string());
@@ -206,11 +209,6 @@ fn of_finished(Finished { run: FinishedRun { row, .. }, verdict }: &Finished) ->
 
 fn share_wrong(correct: u32, queries: u32) -> f64 {
     f64::from(queries.saturating_sub(correct)) / f64::from(queries.max(1))
-}
-
-fn read_verdict(folder: &Path) -> Result<Vec<String>, results::Error> {
-    let (rows, pairs) = (results::read_comparison(folder)?, results::read_pairs(folder)?);
-    Ok(verdict(&rows, &pairs, &results::read_front(folder)?))
 }
 
 /// What a run was started with: `record` tells it in full, or the sweep of which it is this member.

@@ -3,6 +3,9 @@
 use descriptor::{Family, GENES, GeneKind, GeneTable, Parameters, SearchSpace};
 use proto::MAX_CELL;
 
+use crate::experiment::Experiment;
+use crate::fitness::Fitness;
+
 /// Most descriptors of a grid, some days of work.
 const MAX_DESCRIPTORS: u128 = 1 << 31;
 /// Most cells of a grid: each is a job and a file.
@@ -35,6 +38,14 @@ pub enum GridError {
         /// The family.
         got: Family,
     },
+    /// A grid counts what the paper's fitness counts: it says nothing of what is best by another.
+    #[error(
+        "search.fitness: an exhaustive search counts objects of train1 among those of train2, got {got}\nremove [search.fitness], or choose search.method = \"ga\", \"random\" or \"hill-climb\""
+    )]
+    Fitness {
+        /// The fitness as its keys.
+        got: Fitness,
+    },
 }
 
 /// Every descriptor of a gene table, by index along each gene.
@@ -46,6 +57,16 @@ pub struct Grid {
 }
 
 impl Grid {
+    /// The grid of an experiment's search space.
+    ///
+    /// # Errors
+    /// As [`Grid::new`], and if the experiment's fitness counts anything else than the grid.
+    pub fn of(experiment: &Experiment) -> Result<Self, GridError> {
+        let grid = Self::new(experiment.space())?;
+        let fitness = *experiment.fitness();
+        if fitness.counts_as_the_paper() { Ok(grid) } else { Err(GridError::Fitness { got: fitness }) }
+    }
+
     /// The grid of a gene table.
     ///
     /// # Errors

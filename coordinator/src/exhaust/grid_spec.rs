@@ -32,9 +32,9 @@ impl GridSpec {
     /// What an exhaustive search of this experiment asks: seed, method and the other two splits have no part in it.
     ///
     /// # Errors
-    /// If the grid is too large.
+    /// As [`Grid::of`].
     pub fn new(experiment: &Experiment, dataset: &Dataset) -> Result<Self, GridError> {
-        let grid = Grid::new(experiment.space())?;
+        let grid = Grid::of(experiment)?;
         let train_digest = train_digest(dataset).to_hex().to_string();
         let text = format!(
             "# an exhaustive search\nevaluation_version = {EVALUATION_VERSION}\ntrain_digest = \"{train_digest}\"\n{}",

@@ -55,7 +55,7 @@ pub async fn exhaust(
 ) -> Result<GridSummary, RunError> {
     let mut progress = Progress::new(1);
     let store = storage::open(&options.storage);
-    Grid::new(experiment.space())?;
+    Grid::of(experiment)?;
     let dataset = open_data(experiment, Wanted::Training, Some(&store), |line| progress.say(line))?;
     refuse_sets("exhaust", "name the clouds of one set in another manifest", &dataset)?;
     let spec = GridSpec::new(experiment, &dataset)?;
@@ -144,7 +144,7 @@ pub async fn best_of_all(
     keep(&spec, &grid, &out, &session.store)
 }
 
-/// The best descriptor of an experiment's search space, if it is known on this machine.
+/// The best descriptor of an experiment's search space by its fitness, if it is known on this machine.
 pub fn known_optimum(experiment: &Experiment, dataset: &Dataset, store: &Store) -> Option<Optimum> {
     (dataset.clouds.set_count() == 1).then_some(())?;
     let spec = GridSpec::new(experiment, dataset).ok()?;
@@ -208,7 +208,8 @@ fn keep(spec: &GridSpec, grid: &FinishedGrid, out: &Path, store: &Store) -> Resu
 /// same clouds, as far as their list tells.
 pub fn is_landscape_of(folder: &Path, experiment: &Experiment, queries: Option<u32>) -> bool {
     let is_alike = |grid: results::FinishedGrid| {
-        Some(grid.row.queries) == queries && grid.row.search_space.ends_with(&experiment.space_toml())
+        let is_same_space = grid.row.search_space.ends_with(&experiment.space_toml());
+        Some(grid.row.queries) == queries && is_same_space && Grid::of(experiment).is_ok()
     };
     results::read_grid(folder).is_ok_and(is_alike)
 }

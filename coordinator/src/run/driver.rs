@@ -22,6 +22,7 @@ use crate::reopen::winner_of;
 use crate::result_cache::SearchCounts;
 use crate::run::bounds::bounds;
 use crate::run::contradiction::{check_used, contradicted, remembered_wrongly};
+use crate::run::effective::effective_queries;
 use crate::run::matching::Matching;
 use crate::run::progress::Progress;
 use crate::run::scaled::Scaled;
@@ -190,6 +191,12 @@ impl RunDriver<'_> {
 
     fn row(&self, Outcome { found, weighted, finals }: &Outcome) -> RunRow {
         let Self { experiment, dataset, start, .. } = self;
+        let weights = experiment.set_weights(dataset);
+        let effective = |matching, counts: Counts| {
+            effective_queries(dataset, (experiment.fitness(), &weights), matching, counts.queries)
+        };
+        let validation =
+            finals.validation.as_ref().map(|measured| measured.counts(dataset, Matching::Validation));
         RunRow {
             name: experiment.name().to_owned(),
             search_config: experiment.search_toml(),
@@ -213,10 +220,9 @@ impl RunDriver<'_> {
             best_genes: experiment.space().values(&found.descriptor),
             train: found.train.counts,
             train_margin: found.train.margin,
-            validation: finals
-                .validation
-                .as_ref()
-                .map(|measured| measured.counts(dataset, Matching::Validation)),
+            train_effective: effective(Matching::Train, found.train.counts),
+            validation,
+            validation_effective: validation.and_then(|counts| effective(Matching::Validation, counts)),
             weighted_winner: weighted.as_ref().map(file_text),
             weighted_train: finals.weighted.as_ref().map(|measured| measured.measured.counts),
             test: finals.test.as_ref().map(|measured| measured.counts(dataset, Matching::Test)),

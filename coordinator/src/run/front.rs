@@ -58,9 +58,10 @@ fn judged(row: &FrontRow) -> ErrorRate {
 }
 
 /// Of the points whose error lies within the 95 % interval of the best one's, the smallest and the fastest, as indices.
-fn within_one_interval(rows: &[FrontRow]) -> Option<[usize; 2]> {
+/// `effective`: how many clouds that error is worth, where that is not the number of queries.
+fn within_one_interval(rows: &[FrontRow], effective: Option<f64>) -> Option<[usize; 2]> {
     let best = rows.iter().map(judged).min_by(|a, b| a.share().total_cmp(&b.share()))?;
-    let [_, end] = best.interval();
+    let [_, end] = best.interval_of(effective);
     let near: Vec<usize> = (0..rows.len()).filter(|&row| judged(&rows[row]).share() <= end).collect();
     let least = |value: fn(&FrontRow) -> u64| {
         let order = |&row: &usize| (value(&rows[row]), judged(&rows[row]).wrong);
@@ -70,10 +71,10 @@ fn within_one_interval(rows: &[FrontRow]) -> Option<[usize; 2]> {
 }
 
 /// What there is to say of each point.
-fn marks(rows: &[FrontRow]) -> Vec<Vec<&'static str>> {
+fn marks(rows: &[FrontRow], effective: Option<f64>) -> Vec<Vec<&'static str>> {
     let mut marks: Vec<Vec<&str>> =
         rows.iter().map(|row| Vec::from_iter(row.winner.then_some("winner"))).collect();
-    if let Some([smallest, fastest]) = within_one_interval(rows) {
+    if let Some([smallest, fastest]) = within_one_interval(rows, effective) {
         if smallest == fastest {
             marks[smallest].push("smallest and fastest within one interval of the best");
         } else {
@@ -86,8 +87,8 @@ fn marks(rows: &[FrontRow]) -> Vec<Vec<&'static str>> {
 
 /// The front as lines, those of its points that are marked and some between them: number, errors, cost, size. `None`
 /// of searches of one objective.
-pub fn lines(rows: &[FrontRow]) -> Option<Vec<String>> {
-    let (marks, last) = (marks(rows), rows.len().checked_sub(1)?);
+pub fn lines(rows: &[FrontRow], effective: Option<f64>) -> Option<Vec<String>> {
+    let (marks, last) = (marks(rows, effective), rows.len().checked_sub(1)?);
     // Evenly from end to end.
     let even: Vec<usize> = (0..SHOWN).map(|place| place * last / (SHOWN - 1)).collect();
     let shown: Vec<usize> =
@@ -121,8 +122,9 @@ pub fn lines(rows: &[FrontRow]) -> Option<Vec<String>> {
 }
 
 /// The front as JSON; `None` of searches of one objective.
-pub fn json(rows: &[FrontRow]) -> Option<Value> {
-    let (smallest, fastest) = within_one_interval(rows).map(|[smallest, fastest]| (smallest, fastest))?;
+pub fn json(rows: &[FrontRow], effective: Option<f64>) -> Option<Value> {
+    let (smallest, fastest) =
+        within_one_interval(rows, effective).map(|[smallest, fastest]| (smallest, fastest))?;
     let point = |(index, row): (usize, &FrontRow)| {
         let train = errors(row, row.train);
         let validation = row.validation.map(|counts| errors(row, counts));
@@ -173,24 +175,26 @@ mod tests {
     fn the_smallest_and_the_fastest_are_those_within_the_interval_of_the_best() {
         // 20 of 200 are 10 %, with an interval from 6.6 to 14.9 %: up to 29 errors.
         let rows = front(&[(20, 90, 90), (29, 80, 40), (29, 50, 60), (30, 1, 1), (29, 80, 40)]);
-        assert_eq!(within_one_interval(&rows), Some([1, 2]));
+        assert_eq!(within_one_interval(&rows, None), Some([1, 2]));
         let without: Vec<FrontRow> =
             rows.iter().map(|row| FrontRow { validation: None, ..row.clone() }).collect();
         // Of training clouds they have one to five errors.
-        assert_eq!(within_one_interval(&without), Some([3, 3]));
-        assert_eq!(within_one_interval(&[]), None);
+        assert_eq!(within_one_interval(&without, None), Some([3, 3]));
+        assert_eq!(within_one_interval(&[], None), None);
+        // 20 of 200 queries that are worth 20 clouds: up to 30 %, 60 errors.
+        assert_eq!(within_one_interval(&rows, Some(20.0)), Some([3, 3]));
         // No category is wrong.
         let categories: Vec<FrontRow> =
             rows.iter().map(|row| FrontRow { objective_correct: Some(200), ..row.clone() }).collect();
-        assert_eq!(within_one_interval(&categories), Some([3, 3]));
+        assert_eq!(within_one_interval(&categories, None), Some([3, 3]));
     }
 
     #[test]
     fn a_long_front_is_shown_from_end_to_end_with_every_point_that_is_marked() {
-        assert_eq!(lines(&[]), None);
+        assert_eq!(lines(&[], None), None);
         let long: Vec<(u32, u64, u64)> =
             (0..40).map(|n| (20 + u32::from(n > 6) * 50, 900 - n, 400 - n)).collect();
-        let text = lines(&front(&long)).unwrap();
+        let text = lines(&front(&long), None).unwrap();
         expect_test::expect![[r#"
             point train error    validation          cost values
             1     0.50 % (1)     10.00 % (20)         900    400  winner
@@ -208,7 +212,7 @@ mod tests {
             … 29 more, see table front"#]]
         .assert_eq(&text.join("\n"));
         assert!(text.iter().all(|line| line.chars().count() <= crate::lines::COLUMNS - 14));
-        let short = lines(&front(&long[..9])).unwrap();
+        let short = lines(&front(&long[..9]), None).unwrap();
         assert_eq!(short.len(), 1 + 9 + 1);
     }
 }

@@ -6,6 +6,7 @@ mod contradiction;
 mod data;
 pub mod directory;
 mod driver;
+mod effective;
 mod error;
 pub mod fitness_batch;
 mod fitness_check;
@@ -101,7 +102,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     let mut progress = Progress::new(stop.generations).with_budget(stop.evaluations);
     // First what may be wrong with search space, port and data: then no folder is made and nothing in one is touched.
     if experiment.method() == Method::Exhaustive {
-        Grid::new(experiment.space())?;
+        Grid::of(experiment)?;
     }
     let listener = listen(experiment, &options.port, progress.console()).await?;
     let dataset = open_data(experiment, Wanted::All, Some(&store), |line| progress.say(line))?;

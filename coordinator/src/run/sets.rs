@@ -126,7 +126,7 @@ pub fn lines(rows: &[SetRow]) -> Vec<Vec<String>> {
     std::iter::once(title).chain(winner.iter().map(line)).collect()
 }
 
-/// Which set the winner has most errors on, in a sentence; the first of equals.
+/// Which set the winner has the highest error on, in a sentence; the first of equals.
 pub fn worst(rows: &[SetRow]) -> Option<String> {
     let winner = rows.iter().filter(|row| row.descriptor == EVOLVED);
     // The last of equals wins a maximum.
@@ -136,7 +136,7 @@ pub fn worst(rows: &[SetRow]) -> Option<String> {
     let paper = beside(rows, worst).map_or_else(String::new, |paper| {
         format!(" instead of {} by the paper's descriptor", percent(error(paper)))
     });
-    Some(format!("most errors on {}{unseen}: {} of clouds wrong{paper}", worst.set, percent(error(worst))))
+    Some(format!("highest error on {}{unseen}: {} of clouds wrong{paper}", worst.set, percent(error(worst))))
 }
 
 /// The paper's descriptor on the same set.

@@ -10,7 +10,7 @@ use evolution::StopReason;
 use results::{ComparedRow, Counts, ErrorRate, FrontRow, PairRow, RunRow, SetRow};
 use serde_json::{Map, Value, json};
 
-use crate::compare::verdict;
+use crate::compare::{Level, verdict};
 use crate::lines::{clock, labelled, percent, table};
 use crate::run::{front, sets};
 
@@ -72,13 +72,13 @@ impl Summary {
         let title = [("object error", "95 % interval"), ("category error", "95 % interval")];
         let title = title.map(|(error, interval)| format!("{error:<14} {interval:<14} ")).concat();
         row("", format!("{title}clouds"));
-        for (label, counts) in self.errors() {
+        for (label, counts, effective) in self.errors() {
             let Some(counts) = counts else {
                 row(label, "not measured".to_owned());
                 continue;
             };
             let error = |rate: ErrorRate| {
-                let [low, high] = rate.interval().map(|end| 100.0 * end);
+                let [low, high] = rate.interval_of(effective).map(|end| 100.0 * end);
                 let error = format!("{} ({})", percent(rate.share()), rate.wrong);
                 let interval = format!("{low:.1} - {high:.1} %");
                 format!("{error:<14} {interval:<14} ")
@@ -87,8 +87,14 @@ impl Summary {
             let category = error(counts.category_errors());
             row(label, format!("{object}{category}{}", counts.queries));
         }
-        for (label, line) in
-            ["front"].into_iter().chain(iter::repeat("")).zip(front::lines(&self.front).into_iter().flatten())
+        let worth = self.errors().into_iter().filter_map(|(label, counts, effective)| {
+            Some(format!("{label}: {} queries are worth {:.0} clouds", counts?.queries, effective?))
+        });
+        worth.for_each(|line| row("", line));
+        for (label, line) in ["front"]
+            .into_iter()
+            .chain(iter::repeat(""))
+            .zip(front::lines(&self.front, self.effective()).into_iter().flatten())
         {
             row(label, line);
         }
@@ -132,7 +138,7 @@ impl Summary {
 
     /// What is to be said of the winner, in sentences.
     fn verdict(&self) -> Vec<String> {
-        let compared = verdict(&self.compared, &self.pairs, &self.front);
+        let compared = verdict(Level::of(&self.run), &self.compared, &self.pairs, &self.front);
         compared.into_iter().chain(sets::worst(&self.sets)).collect()
     }
 
@@ -163,22 +169,24 @@ impl Summary {
         let run = &self.run;
         let object = |counts: Option<Counts>| counts.map(|counts| counts.object_error());
         let category = |counts: Option<Counts>| counts.map(|counts| counts.category_error());
-        let interval = |counts: Option<Counts>| counts.map(|counts| counts.object_errors().interval());
+        let interval = |counts: Option<Counts>, effective| {
+            counts.map(|counts| counts.object_errors().interval_of(effective))
+        };
         let mut json = json!({
             "name": run.name,
             "seed": run.seed,
             "best": genes_json(self.family, &run.best_genes),
             "train_error": object(Some(run.train)),
-            "train_error_interval": interval(Some(run.train)),
+            "train_error_interval": interval(Some(run.train), run.train_effective),
             "train_category_error": category(Some(run.train)),
             "weighted_train_error": object(run.weighted_train),
-            "weighted_train_error_interval": interval(run.weighted_train),
+            "weighted_train_error_interval": interval(run.weighted_train, run.train_effective),
             "weighted_train_category_error": category(run.weighted_train),
             "validation_error": object(run.validation),
-            "validation_error_interval": interval(run.validation),
+            "validation_error_interval": interval(run.validation, run.validation_effective),
             "validation_category_error": category(run.validation),
             "test_object_error": object(run.test),
-            "test_object_error_interval": interval(run.test),
+            "test_object_error_interval": interval(run.test, None),
             "test_category_error": category(run.test),
             "verdict": self.verdict(),
             "compared": self.compared.iter().map(compared_json).collect::<Vec<_>>(),
@@ -186,7 +194,9 @@ impl Summary {
             "regret": run.regret(),
             "grid_best_object_correct": run.grid_best_object_correct,
             "train_queries": run.train.queries,
+            "train_effective": run.train_effective,
             "validation_queries": run.validation.map(|counts| counts.queries),
+            "validation_effective": run.validation_effective,
             "test_queries": run.test.map(|counts| counts.queries),
             "evaluations_computed": run.evaluations_computed,
             "evaluations_remembered": run.evaluations_remembered,
@@ -199,7 +209,7 @@ impl Summary {
             "run_digest": self.run_digest,
             "out": path_text(&self.out),
         });
-        if let Some(front) = front::json(&self.front) {
+        if let Some(front) = front::json(&self.front, self.effective()) {
             json["front"] = front;
         }
         if let Some(sets) = sets::json(&self.sets) {
@@ -208,12 +218,23 @@ impl Summary {
         json
     }
 
-    fn errors(&self) -> Vec<(&'static str, Option<Counts>)> {
+    /// How many clouds the points of a front are judged by, where that is not the number of queries.
+    fn effective(&self) -> Option<f64> {
         let run = &self.run;
-        let mut errors = vec![("train", Some(run.train)), ("validation", run.validation), ("test", run.test)];
+        if run.validation.is_some() { run.validation_effective } else { run.train_effective }
+    }
+
+    /// Counts of each split, with how many clouds they are worth where that is not their number.
+    fn errors(&self) -> Vec<(&'static str, Option<Counts>, Option<f64>)> {
+        let run = &self.run;
+        let mut errors = vec![
+            ("train", Some(run.train), run.train_effective),
+            ("validation", run.validation, run.validation_effective),
+            ("test", run.test, None),
+        ];
         if run.weighted_train.is_some() {
             // What follows is measured with weights.
-            errors.insert(2, ("train weighed", run.weighted_train));
+            errors.insert(2, ("train weighed", run.weighted_train, run.train_effective));
         }
         errors
     }

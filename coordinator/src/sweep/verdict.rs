@@ -4,13 +4,15 @@
 use descriptor::recogniser::Method;
 use results::{ComparedRow, Counts, PairRow, RunRow};
 
-use crate::compare::{Difference, differences};
+use crate::compare::{Difference, Level, differences};
 use crate::lines::percent;
 
 /// A finished member of a sweep, as far as a verdict needs it.
 pub struct Seed<'a> {
     /// The variant that it is of; empty if there is none.
     pub variant: &'a str,
+    /// What its fitness counts.
+    level: Level,
     /// Its winner on the test clouds, if there are any.
     pub test: Option<Counts>,
     /// Its winner beside others.
@@ -22,7 +24,7 @@ pub struct Seed<'a> {
 impl<'a> Seed<'a> {
     /// The member of this name.
     pub fn new(member: &'a str, run: &RunRow, compared: &'a [ComparedRow], pairs: &'a [PairRow]) -> Self {
-        Self { variant: variant(member, run.seed), test: run.test, compared, pairs }
+        Self { variant: variant(member, run.seed), level: Level::of(run), test: run.test, compared, pairs }
     }
 }
 
@@ -48,20 +50,22 @@ pub fn variant(member: &str, seed: u64) -> &str {
 
 fn sentences(seeds: &[&Seed<'_>]) -> Vec<String> {
     let errors: Option<Vec<f64>> =
-        seeds.iter().map(|seed| seed.test.map(|test| Counts::object_error(&test))).collect();
+        seeds.iter().map(|seed| Some(seed.level.errors(seed.test?).share())).collect();
     let Some(mut errors) = errors else { return Vec::new() }; // no test clouds
     errors.sort_by(f64::total_cmp);
     let [least, most] = [errors[0], errors[errors.len() - 1]];
+    let level = seeds[0].level; // variants differ in what they count, seeds do not
     let mut sentences = vec![format!(
-        "{} of test clouds wrong, median of {} seeds; {} to {}",
+        "{} of test clouds {}, median of {} seeds; {} to {}",
         percent(median(&errors)),
+        level.wrong(),
         errors.len(),
         percent(least),
         percent(most)
     )];
     let mut others: Vec<(&ComparedRow, Vec<Difference<'_>>)> = Vec::new();
     for seed in seeds {
-        for one in differences(seed.compared, seed.pairs, Method::Nearest) {
+        for one in differences(seed.compared, seed.pairs, (seed.level, Method::Nearest)) {
             match others.iter_mut().find(|(other, _)| other.descriptor == one.other.descriptor) {
                 Some((_, found)) => found.push(one),
                 None => others.push((one.other, vec![one])),
@@ -78,7 +82,7 @@ fn sentences(seeds: &[&Seed<'_>]) -> Vec<String> {
         sentences.push(format!(
             "better than {} ({}) in {better} of {} seeds, with evidence in {sure}{worse}",
             other.descriptor,
-            percent(other.counts.object_error()),
+            percent(level.errors(other.counts).share()),
             found.len()
         ));
     }

@@ -43,6 +43,13 @@ impl Rows {
         Ok(self.optional(name)?.into_iter().map(|value| value.unwrap_or(f64::NAN)).collect())
     }
 
+    /// What a search has counted, by the first word of its columns of errors: `object`, or `category` where a column
+    /// `objective_correct` says so.
+    pub fn counted(&self) -> Result<&'static str, Error> {
+        let objective = self.optional("objective_correct")?;
+        Ok(if objective.iter().any(Option::is_some) { "category" } else { "object" })
+    }
+
     /// A column as text; null is empty.
     pub fn texts(&self, name: &str) -> Result<Vec<String>, Error> {
         let column = self.0.frame.column(name)?.cast(&DataType::String)?;

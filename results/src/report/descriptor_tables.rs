@@ -63,10 +63,10 @@ impl Role {
     }
 }
 
-/// The error of the descriptor that anybody has, of objects; `None` if it was not compared.
-pub(crate) fn default_error(comparison: &Rows) -> Result<Option<f64>, Error> {
+/// The error of the descriptor that anybody has, of what was [counted](Rows::counted); `None` if it was not compared.
+pub(crate) fn default_error(comparison: &Rows, counted: &str) -> Result<Option<f64>, Error> {
     let place = comparison.texts("descriptor")?.iter().position(|name| name == DEFAULT);
-    let errors = comparison.numbers("object_error")?;
+    let errors = comparison.numbers(&format!("{counted}_error"))?;
     Ok(place.map(|place| errors[place]))
 }
 
@@ -156,8 +156,9 @@ pub(crate) fn sets(sets: &Rows) -> Result<TableBlock, Error> {
 /// The points of a run's front, whose errors are those of the clouds that the search has seen.
 pub(crate) fn front(front: &Rows) -> Result<TableBlock, Error> {
     let (points, sizes) = (front.texts("point")?, front.texts("size")?);
-    let (train, validation) =
-        (front.numbers("train_object_error")?, front.optional("validation_object_error")?);
+    let counted = front.counted()?;
+    let train = front.numbers(&format!("train_{counted}_error"))?;
+    let validation = front.optional(&format!("validation_{counted}_error"))?;
     let (cost, winner) = (front.numbers("cost")?, front.numbers("winner")?);
     let error = |error: f64| format!("{:.2}", 100.0 * error);
     let row = |row: usize| {
@@ -196,7 +197,7 @@ pub(crate) fn front(front: &Rows) -> Result<TableBlock, Error> {
     })
 }
 
-/// Time to describe a cloud, where it was measured: over all clouds, or else over some.
+/// Time to describe a cloud, where it was measured: the median of some, as at the end of a run, or else the mean of all.
 fn milliseconds(comparison: &Rows) -> Result<Vec<Option<f64>>, Error> {
     let stages =
         ["keypoints", "normals", "describe"].map(|stage| comparison.optional(&format!("seconds_{stage}")));
@@ -208,7 +209,7 @@ fn milliseconds(comparison: &Rows) -> Result<Vec<Option<f64>>, Error> {
         let all = Some((keypoints[row]? + normals[row]? + describe[row]?) / (queries[row] + database[row]));
         all.filter(|seconds| seconds.is_finite())
     };
-    Ok((0..some.len()).map(|row| Some(1000.0 * of(row).or(some[row])?)).collect())
+    Ok((0..some.len()).map(|row| Some(1000.0 * some[row].or_else(|| of(row))?)).collect())
 }
 
 /// The paper's Table 1: errors, times and sizes, one row per descriptor.

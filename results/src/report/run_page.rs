@@ -103,11 +103,12 @@ fn search_items(data: &RunData, grid: Option<&Rows>) -> Result<Vec<Item>, Error>
         return Ok(vec![Item::Missing("No generation is complete yet.".to_owned())]);
     };
     let mut items = Vec::new();
+    let counted = evaluations.counted()?;
     let default = match &data.comparison {
-        Some(comparison) => descriptor_tables::default_error(&comparison.descriptors)?.map(percent),
+        Some(comparison) => descriptor_tables::default_error(&comparison.descriptors, counted)?.map(percent),
         None => None,
     };
-    add(&mut items, search::convergence(generations, data.finished.as_ref(), default)?);
+    add(&mut items, search::convergence(generations, counted, data.finished.as_ref(), default)?);
     if let Some(points) = &data.front {
         add(&mut items, front::front(points)?);
     }

@@ -63,12 +63,13 @@ pub(crate) fn groups(groups: &[Group]) -> TableBlock {
 pub(crate) fn members(runs: &Runs) -> Vec<Item> {
     let all = runs.groups.iter().flat_map(|group| &group.members);
     let count = all.clone().count();
-    let error = |counts: Option<Counts>| {
-        counts.map_or_else(|| "–".to_owned(), |counts| format!("{:.2}", 100.0 * counts.object_error()))
-    };
     let row = |member: &Member| {
         let run = &member.run.row;
-        let interval = run.test.map(|test| interval_text(test.object_errors().interval()));
+        let error = |counts: Option<Counts>| {
+            counts
+                .map_or_else(|| "–".to_owned(), |counts| format!("{:.2}", 100.0 * run.errors(counts).share()))
+        };
+        let interval = run.test.map(|test| interval_text(run.errors(test).interval()));
         vec![
             member.label.clone(),
             member.best.len().to_string(),
@@ -83,7 +84,7 @@ pub(crate) fn members(runs: &Runs) -> Vec<Item> {
     let more = if count > MOST_RUNS { format!(" The first {MOST_RUNS} of {count}.") } else { String::new() };
     let table = TableBlock {
         caption: format!(
-            "Object errors of the winner of each run, in the test with Wilson’s 95 % interval; descriptors: different ones \
+            "Object errors of the winner of each run, or category errors where its fitness counts categories, in the test with Wilson’s 95 % interval; descriptors: different ones \
              that were evaluated.{more}"
         ),
         head: head.map(str::to_owned).to_vec(),

@@ -99,7 +99,7 @@ impl Runs {
 /// was remembered by the run or computed again.
 fn best_so_far(folder: &Path) -> Result<Vec<f64>, Error> {
     let Some(evaluations) = Rows::read(folder, TableName::Evaluations)? else { return Ok(Vec::new()) };
-    let errors = evaluations.numbers("object_error")?;
+    let errors = evaluations.numbers(&format!("{}_error", evaluations.counted()?))?;
     let genes: Vec<Vec<Option<f64>>> =
         evaluations.genes().iter().map(|gene| evaluations.optional(&gene.name)).collect::<Result<_, _>>()?;
     let mut met = BTreeSet::new();
@@ -204,12 +204,12 @@ fn names(keys: &[Key], differences: &[String]) -> Vec<String> {
 impl Member {
     /// Test error of its winner, percent.
     pub fn test_error(&self) -> Option<f64> {
-        self.run.row.test.map(|counts| percent(counts.object_error()))
+        self.run.row.test.map(|counts| percent(self.run.row.errors(counts).share()))
     }
 
     /// Training error of its winner, percent.
     pub fn training_error(&self) -> f64 {
-        percent(self.run.row.train.object_error())
+        percent(self.run.row.errors(self.run.row.train).share())
     }
 
     /// How far its winner is from the optimum in training, percent.

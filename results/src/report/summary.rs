@@ -104,11 +104,16 @@ pub(crate) fn overview(data: &RunData) -> Result<TableBlock, Error> {
 /// The winner's errors with their intervals.
 pub(crate) fn errors(run: &FinishedRun) -> TableBlock {
     let row = &run.row;
-    let mut splits = vec![("training", Some(row.train)), ("validation", row.validation), ("test", row.test)];
+    let mut splits = vec![
+        ("training", Some(row.train), row.train_effective),
+        ("validation", row.validation, row.validation_effective),
+        ("test", row.test, None),
+    ];
     if row.weighted_train.is_some() {
-        splits.insert(2, ("training, weighed", row.weighted_train));
+        splits.insert(2, ("training, weighed", row.weighted_train, row.train_effective));
     }
-    let row = |(split, counts): (&str, Option<Counts>)| {
+    let weighted = splits.iter().any(|(_, _, effective)| effective.is_some());
+    let row = |(split, counts, effective): (&str, Option<Counts>, Option<f64>)| {
         let Some(counts) = counts else {
             let mut row = vec![split.to_owned(), "not measured".to_owned()];
             row.resize(6, String::new());
@@ -117,16 +122,24 @@ pub(crate) fn errors(run: &FinishedRun) -> TableBlock {
         let mut row = vec![split.to_owned()];
         for rate in [counts.object_errors(), counts.category_errors()] {
             row.push(error_text(rate.wrong, rate.queries));
-            row.push(interval_text(rate.interval()));
+            row.push(interval_text(rate.interval_of(effective)));
         }
-        row.push(counts.queries.to_string());
+        let worth = effective.map_or_else(String::new, |clouds| format!(" worth {clouds:.0}"));
+        row.push(format!("{}{worth}", counts.queries));
         row
+    };
+    let worth = if weighted {
+        " Where clouds count more than once, counts are sums of weights, and the interval is that of as many clouds as they \
+         are worth (effective sample size, Kish)."
+    } else {
+        ""
     };
     let head = ["clouds of", "object error", "95 %", "category error", "95 %", "clouds"];
     TableBlock {
-        caption: "Errors of the winner, with the number of wrong clouds and the 95 % interval (Wilson’s score, which \
-                  takes clouds for independent; those of one object are not, so that the truth is less certain still)."
-            .to_owned(),
+        caption: format!(
+            "Errors of the winner, with the number of wrong clouds and the 95 % interval (Wilson’s score, which takes \
+             clouds for independent; those of one object are not, so that the truth is less certain still).{worth}"
+        ),
         head: head.map(str::to_owned).to_vec(),
         rows: splits.into_iter().map(row).collect(),
         texts: 1,

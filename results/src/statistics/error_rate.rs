@@ -1,6 +1,6 @@
 //! How many answers are wrong, of how many that were asked for.
 
-use super::wilson::wilson;
+use super::wilson::{wilson, wilson_of_share};
 use crate::population::share;
 
 /// How many answers are wrong, of how many that were asked for.
@@ -27,6 +27,12 @@ impl ErrorRate {
     pub fn interval(self) -> [f64; 2] {
         wilson(self.wrong, self.queries)
     }
+
+    /// The same where clouds count more than once, so that all queries are worth `effective` of them (see
+    /// [`RunRow::train_effective`](crate::RunRow::train_effective)); `None`: where each counts once.
+    pub fn interval_of(self, effective: Option<f64>) -> [f64; 2] {
+        effective.map_or_else(|| self.interval(), |effective| wilson_of_share(self.share(), effective))
+    }
 }
 
 #[cfg(test)]
@@ -42,5 +48,9 @@ mod tests {
         let [low, high] = rate.interval();
         assert!((low - 0.0624).abs() < 5e-5 && (high - 0.1605).abs() < 5e-5, "{low} {high}");
         assert_eq!(ErrorRate::new(9, 7).wrong, 0, "of a damaged table");
+        // The same clouds, each counted a hundred times.
+        let hundredfold = ErrorRate::new(13_300, 14_800);
+        assert_eq!(hundredfold.interval_of(Some(148.0)), rate.interval());
+        assert_eq!(hundredfold.interval_of(None), hundredfold.interval());
     }
 }

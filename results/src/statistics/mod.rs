@@ -5,6 +5,7 @@ mod error_rate;
 mod holm;
 mod mcnemar;
 mod rank_sum;
+mod tango;
 mod wilson;
 
 pub use bootstrap::{Cluster, bootstrap};
@@ -12,4 +13,5 @@ pub use error_rate::ErrorRate;
 pub use holm::holm;
 pub use mcnemar::mcnemar;
 pub use rank_sum::{RankSum, rank_sum};
+pub use tango::tango;
 pub use wilson::wilson;

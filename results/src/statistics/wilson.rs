@@ -1,13 +1,17 @@
 //! How far a measured share can be trusted: Wilson's interval.
 
 /// Two-sided 95 % quantile of the standard normal distribution.
-const Z: f64 = 1.959_963_984_540_054;
+pub(super) const Z: f64 = 1.959_963_984_540_054;
 
 /// The 95 % interval of a share by Wilson's score (E. B. Wilson, Probable inference, the law of succession, and
 /// statistical inference, 1927): of `of` trials, at least 1, `count` had the outcome. It holds for independent trials;
 /// clouds of one object are not, so that the truth is less certain still.
 pub fn wilson(count: u32, of: u32) -> [f64; 2] {
-    let (n, share) = (f64::from(of), f64::from(count) / f64::from(of));
+    wilson_of_share(f64::from(count) / f64::from(of), f64::from(of))
+}
+
+/// The same of a share of trials that are worth `n` independent ones, above 0.
+pub fn wilson_of_share(share: f64, n: f64) -> [f64; 2] {
     let shrunk = share + Z * Z / (2.0 * n);
     let spread = Z * (share * (1.0 - share) / n + Z * Z / (4.0 * n * n)).sqrt();
     let all = 1.0 + Z * Z / n;

@@ -1,6 +1,7 @@
 //! Rows of the tables that compare descriptors on a run's test clouds.
 
 use crate::record::record;
+use crate::statistics::ErrorRate;
 use crate::tables::run::Counts;
 
 record! {
@@ -55,9 +56,9 @@ record! {
             "object_error, by Wilson, as if clouds were independent";
         category_wilson as "category_error": [f64; 2], "share", "category_error, by Wilson";
         object_bootstrap as "object_error_instances": [f64; 2], "share",
-            "object_error, by the bootstrap over objects; with no or all clouds wrong, by Wilson";
+            "object_error, by the bootstrap over objects; by Wilson where all objects have the same error";
         category_bootstrap as "category_error_instances": [f64; 2], "share",
-            "category_error, by the bootstrap over objects; with no or all clouds wrong, by Wilson";
+            "category_error, by the bootstrap over objects; by Wilson where all objects have the same error";
         skipped: u32, "clouds", "queries that this descriptor cannot describe";
         database: u32, "clouds", "clouds that queries are matched with";
         keypoints_per_cloud: Option<f64>, "", "mean over queries and database; null if not measured";
@@ -65,7 +66,7 @@ record! {
             "keypoints, normals and histograms of a cloud, one thread: median of some test clouds; null if not measured";
         times as "": Option<Times>, "", "null if not measured";
         area: Option<f64>, "",
-            "mean precision over recall, all pairs: area between the curve and 1 - precision = 1; null if they are too many";
+            "mean precision over recall, all pairs: area between the curve and 1 - precision = 1; null if they are too many, and if none shows the same object";
         nearest_area: Option<f64>, "", "the same of the curve of nearest clouds only";
         bytes: Option<String>, "",
             "canonical bytes of the descriptor, hexadecimal: by them a later comparison has it again; null of foreign ones";
@@ -74,12 +75,36 @@ record! {
 }
 
 impl ComparedRow {
-    /// Milliseconds from a cloud's points to its signatures, where they were measured: over all clouds, or else over some.
+    /// Milliseconds from a cloud's points to its signatures, where they were measured: the median of some, as at the end
+    /// of a run, or else the mean of all.
     pub fn milliseconds_of_a_cloud(&self) -> Option<f64> {
-        let clouds = f64::from(self.counts.queries + self.database);
-        let mean = self.times.as_ref().map(|times| times.signatures() / clouds);
-        mean.or(self.cloud_seconds).map(|seconds| 1000.0 * seconds)
+        self.cloud_seconds.or_else(|| self.mean_seconds()).map(|seconds| 1000.0 * seconds)
     }
+
+    fn mean_seconds(&self) -> Option<f64> {
+        let clouds = f64::from(self.counts.queries + self.database);
+        self.times.as_ref().map(|times| times.signatures() / clouds)
+    }
+
+    /// How many times as long as `other` it takes from a cloud's points to its signatures, in the mean over all clouds;
+    /// `None` where that was not measured of both on the same processor.
+    pub fn mean_time_beside(&self, other: &Self) -> Option<f64> {
+        let hardware = |row: &Self| row.times.as_ref().map(|times| times.hardware.clone());
+        if hardware(self) != hardware(other) {
+            return None;
+        }
+        ratio(self.mean_seconds()?, other.mean_seconds()?)
+    }
+
+    /// The same, or else by the medians, which are measured of all descriptors in one go as a run ends.
+    pub fn time_beside(&self, other: &Self) -> Option<f64> {
+        let by_medians = || ratio(self.cloud_seconds?, other.cloud_seconds?);
+        self.mean_time_beside(other).or_else(by_medians)
+    }
+}
+
+fn ratio(seconds: f64, other: f64) -> Option<f64> {
+    (other > 0.0).then(|| seconds / other)
 }
 
 record! {
@@ -97,9 +122,9 @@ record! {
             "object_error, by Wilson, as if clouds were independent";
         category_wilson as "category_error": [f64; 2], "share", "category_error, by Wilson";
         object_bootstrap as "object_error_instances": [f64; 2], "share",
-            "object_error, by the bootstrap over objects; with no or all clouds wrong, by Wilson";
+            "object_error, by the bootstrap over objects; by Wilson where all objects have the same error";
         category_bootstrap as "category_error_instances": [f64; 2], "share",
-            "category_error, by the bootstrap over objects; with no or all clouds wrong, by Wilson";
+            "category_error, by the bootstrap over objects; by Wilson where all objects have the same error";
     }
 }
 
@@ -131,7 +156,7 @@ record! {
         both_wrong: u32, "clouds", "recognised by neither";
         => error_difference: f64, "share", "error of the first minus error of the second"
             = |pair, _| pair.error_difference();
-        difference_low: f64, "share", "lower end of its 95 % interval, bootstrap over objects";
+        difference_low: f64, "share", "lower end of its 95 % interval, bootstrap over objects; by Tango over clouds where all objects have the same difference";
         difference_high: f64, "share", "upper end of it";
         => odds_ratio: Option<f64>, "", "only_a / only_b; null if only_b is 0" = |pair, _| pair.odds_ratio();
         p_value: f64, "", "McNemar's exact test, two-sided";
@@ -143,6 +168,11 @@ impl PairRow {
     /// Queries that both describe.
     pub fn queries(&self) -> u32 {
         self.both_right + self.only_a + self.only_b + self.both_wrong
+    }
+
+    /// What either has wrong of these, the first first.
+    pub fn errors(&self) -> [ErrorRate; 2] {
+        [self.only_a, self.only_b].map(|only| ErrorRate::new(self.both_right + only, self.queries()))
     }
 
     /// Error of the first minus error of the second.

@@ -264,7 +264,10 @@ record! {
         best_genes as "best_": Vec<Option<f64>>, "", "the winner's genes, as in evaluations";
         train as "train_": Counts, "", "training clouds that the fitness asks for";
         train_margin: Option<f64>, "", "soft margin of the winner on them; null where none is asked for";
+        train_effective: Option<f64>, "clouds",
+            "effective sample size of train_queries (Kish), of which intervals are, where clouds count more than once; null where each counts once, and in runs of earlier builds";
         validation as "validation_": Option<Counts>, "", "validation clouds";
+        validation_effective: Option<f64>, "clouds", "the same of validation_queries";
         weighted_winner: Option<String>, "TOML",
             "the winner's structure file with weights for its values, which the test asks; null if they were not weighed";
         weighted_train as "weighted_train_": Option<Counts>, "", "the same as train_ of the winner with these weights";
@@ -294,6 +297,16 @@ record! {
 }
 
 impl RunRow {
+    /// Whether its fitness counts categories: the experiment's `search.fitness.objective`.
+    pub fn counts_categories(&self) -> bool {
+        self.search_config.lines().any(|line| line == "objective = \"category\"")
+    }
+
+    /// The errors that its fitness would count of these clouds.
+    pub fn errors(&self, counts: Counts) -> ErrorRate {
+        if self.counts_categories() { counts.category_errors() } else { counts.object_errors() }
+    }
+
     /// How far the winner's training fitness is below that of the best descriptor there is, if that is known.
     pub fn regret(&self) -> Option<f64> {
         let missed = self.grid_best_object_correct?.saturating_sub(self.train.object_correct);

@@ -176,3 +176,25 @@ fn a_comparison_is_whole_or_not_there_and_leaves_the_run_as_it_is() {
     // Not a number.
     out.write_compared("evolved", &[], &[], &[distance(0, 0, f32::NAN)]).unwrap_err();
 }
+
+#[test]
+fn only_times_of_one_kind_and_one_processor_are_divided() {
+    let measured = |hardware: &str, describe: f64, cloud_seconds: Option<f64>| {
+        let [row, _] = rows();
+        let times = row.times.clone().map(|times| Times { hardware: hardware.to_owned(), describe, ..times });
+        ComparedRow { times, cloud_seconds, ..row }
+    };
+    // 1.25 s of keypoints and normals, of as many clouds.
+    let [own, other] = [measured("a", 3.75, Some(1.0)), measured("a", 1.25, Some(4.0))];
+    assert_eq!((own.mean_time_beside(&other), own.time_beside(&other)), (Some(2.0), Some(2.0)));
+    let elsewhere = measured("b", 1.25, Some(4.0));
+    assert_eq!((own.mean_time_beside(&elsewhere), own.time_beside(&elsewhere)), (None, Some(0.25)));
+    // A mean is not set against a median.
+    let unmeasured = ComparedRow { times: None, ..measured("a", 1.0, Some(4.0)) };
+    let mean_only = measured("a", 1.0, None);
+    assert_eq!((own.mean_time_beside(&unmeasured), own.time_beside(&unmeasured)), (None, Some(0.25)));
+    assert_eq!((mean_only.time_beside(&unmeasured), unmeasured.time_beside(&mean_only)), (None, None));
+    // What is told of each is of one kind, too, where the end of the run has measured all.
+    assert_eq!(own.milliseconds_of_a_cloud(), Some(1000.0));
+    assert!(mean_only.milliseconds_of_a_cloud().is_some_and(|mean| mean > 0.0));
+}

@@ -89,6 +89,33 @@ impl Rows {
 }
 
 #[test]
+fn objects_that_the_database_does_not_have_are_compared_by_their_category() {
+    // As leave-instance-out leaves them: no test cloud shows an object of the database.
+    let folder = Experiment::with("");
+    let data = folder.path("data");
+    run("coordinator", ["synth", &data, "--objects", "4", "--views", "8"]).expect_success();
+    let lists = ["train1", "train2", "validation", "test"].map(|list| format!("{data}/{list}.txt"));
+    let clouds = lists.each_ref().map(|list| fs::read_to_string(list).unwrap());
+    let object_of = |cloud: &str| cloud.rsplit_once('/').unwrap().0.to_owned();
+    let left_out = object_of(clouds[3].lines().next().unwrap());
+    for (place, (list, clouds)) in lists.iter().zip(&clouds).enumerate() {
+        let kept = clouds.lines().filter(|cloud| (object_of(cloud) == left_out) == (place == 3));
+        fs::write(list, kept.map(|cloud| format!("{cloud}\n")).collect::<String>()).unwrap();
+    }
+    let dataset = format!("version = 1\nname = \"short\"\nseed = 5\n[dataset]\nroot = \"{data}\"\n");
+    fs::write(folder.path("exp.toml"), dataset + SEARCH).unwrap();
+    folder.run("out", &[]).expect_success();
+    let out = folder.path("out");
+    compare(&out, &["--no-times"]).expect_success();
+    let [distances, _, curves, _, comparison] = TableName::COMPARISON.map(|table| Rows::read(&out, table));
+    assert_eq!(comparison.numbers("object_error"), [1.0; 6]);
+    assert_eq!((comparison.numbers("area"), comparison.numbers("nearest_area")), (vec![], vec![0.0; 6]));
+    assert_eq!(BTreeSet::from_iter(curves.texts("curve")), BTreeSet::from(["nearest".to_owned()]));
+    assert!(distances.height() > 0);
+    run("coordinator", ["report", &out]).expect_success();
+}
+
+#[test]
 fn the_tables_of_a_comparison_follow_from_the_distances() {
     let experiment = Experiment::new(SEARCH);
     let ran = experiment.run("out", &[]).expect_success();

@@ -277,6 +277,22 @@ fn runs_report_their_regret_once_the_grid_is_known() {
     assert_eq!((&all["best"], all["regret"].as_f64()), (&grid["best"], Some(0.0)));
     assert!(all["test_object_error"].is_number(), "{all}");
 
+    // By another fitness the grid knows no best, and does not find it.
+    let other = with("ga\"\n[search.fitness]\nsplit = 1\nobjective = \"category");
+    assert_eq!((&other["regret"], &other["grid_best_object_correct"]), (&Value::Null, &Value::Null));
+    let refused = "error: search.fitness: an exhaustive search counts objects of train1 among those of train2, got split = 1, \
+        objective = \"category\"\n";
+    let exhausted = run("coordinator", args(&experiment, None, &[])).expect_error();
+    assert!(exhausted.stderr.contains(refused), "{exhausted}");
+    fs::write(
+        experiment.path("exp.toml"),
+        format!("{toml}[search]\nmethod = \"exhaustive\"\n[search.fitness]\nleave-one-out = 1\n"),
+    )
+    .unwrap();
+    let exhausted = experiment.run("exhaustive-leave-one-out", &[]).expect_error();
+    assert!(exhausted.stderr.contains("got leave-one-out = 1\nremove [search.fitness]"), "{exhausted}");
+    assert!(!Path::new(&experiment.path("exhaustive-leave-one-out")).exists());
+
     let random = with("random");
     assert_eq!(number(&random, "grid_best_object_correct"), best);
     let frame = results::read_table(experiment.path("random"), TableName::Evaluations).unwrap();

@@ -3,6 +3,7 @@
 use std::fs;
 
 use descriptor::pcd::{self, DataEncoding};
+use serde_json::Value;
 
 use crate::experiments::{Experiment, summary};
 use crate::leaks::square;
@@ -165,4 +166,64 @@ fn categories_of_one_object_are_recognised_as_the_objects_are() {
         let error = |key: &str| told[key].as_f64().unwrap();
         assert_eq!(error(object), error(category), "{told}");
     }
+}
+
+#[test]
+fn a_search_for_categories_is_reported_by_them() {
+    let search = "[ga]\npopulation = 4\n[stop]\ngenerations = 2\nvalidation_patience = \"off\"\n\
+        [search.fitness]\nsplit = 1\nobjective = \"category\"\n";
+    let experiment = Experiment::new(search);
+    let told = summary(&experiment.run("out", &[]).expect_success());
+    let verdict = told["verdict"].as_array().unwrap();
+    assert!(!verdict.is_empty());
+    // All clouds of the synthetic set are of a category of their own kind, whatever the object.
+    for sentence in verdict {
+        let sentence = sentence.as_str().unwrap();
+        assert!(sentence.contains(" taken for another category"), "{sentence}");
+    }
+    run("coordinator", ["report", &experiment.path("out")]).expect_success();
+    let report = fs::read_to_string(experiment.path("out/report/report.html")).unwrap();
+    assert!(report.contains("Error of category recognition in each generation"));
+    assert!(report.contains("category error"));
+}
+
+#[test]
+fn intervals_are_of_as_many_clouds_as_queries_are_worth() {
+    let search = "[ga]\npopulation = 4\n[stop]\ngenerations = 2\nvalidation_patience = \"off\"\n[results]\n\
+        baselines = false\n[search.fitness]\n";
+    let told = |name: &str, fitness: &str| {
+        let experiment = Experiment::new(&format!("{search}{fitness}"));
+        let told = summary(&experiment.run(name, &[]).expect_success());
+        let text = run("coordinator", ["run", &experiment.path("exp.toml"), "--out", &experiment.path(name)]);
+        (told, text.expect_success().stdout)
+    };
+    let intervals =
+        |told: &Value| ["train", "validation"].map(|split| told[format!("{split}_error_interval")].clone());
+    let ((once, _), (often, text)) =
+        (told("once", "cross-sequence = 1\n"), told("often", "cross-sequence = 100\n"));
+    let queries = |told: &Value| told["train_queries"].as_f64().unwrap();
+    assert_eq!(queries(&often), 100.0 * queries(&once));
+    assert_eq!(often["train_error"], once["train_error"]);
+    assert_eq!(intervals(&often), intervals(&once));
+    assert_eq!(
+        (&once["train_effective"], often["train_effective"].as_f64()),
+        (&Value::Null, Some(queries(&once)))
+    );
+    let worth = format!("train: {} queries are worth {} clouds\n", queries(&often), queries(&once));
+    assert!(text.contains(&worth), "{text}");
+
+    // Clouds of train1 count twice: worth more than those of train1 alone, and fewer than there are.
+    let (both, _) = told("both", "split = 1\ncross-sequence = 1\n");
+    let worth = both["train_effective"].as_f64().unwrap();
+    assert!(worth < queries(&once) && worth > queries(&both) - queries(&once), "{both}");
+    let width = |told: &Value| {
+        let [low, high] = [0, 1].map(|end| told["train_error_interval"][end].as_f64().unwrap());
+        high - low
+    };
+    let too_narrow = {
+        let wrong = (both["train_error"].as_f64().unwrap() * queries(&both)).round() as u32;
+        let [low, high] = results::wilson(wrong, queries(&both) as u32);
+        high - low
+    };
+    assert!(width(&both) > too_narrow, "{both}");
 }

@@ -149,7 +149,7 @@ fn check_predictions(both: &Experiment, told: &Value) {
     let sentence = told["verdict"].as_array().unwrap().last().unwrap().as_str().unwrap();
     let errors = |row: &SetRow| row.counts.object_error();
     let worst = if errors(&rows[0]) >= errors(&rows[1]) { "a" } else { "b" };
-    assert!(sentence.starts_with(&format!("most errors on {worst}: ")), "{sentence}");
+    assert!(sentence.starts_with(&format!("highest error on {worst}: ")), "{sentence}");
 }
 
 /// A comparison on one set, and an artefact of it, have what the run has on this set.
@@ -227,7 +227,7 @@ fn workers_and_a_kill_change_no_bit() {
     let told = summary(&first);
     assert_eq!((&again["sets"], &again["verdict"]), (&told["sets"], &told["verdict"]));
     let text = run("coordinator", ["resume", &experiment.path("out")]).expect_success().stdout;
-    assert!(text.contains("test clouds of") && text.contains("most errors on "), "{text}");
+    assert!(text.contains("test clouds of") && text.contains("highest error on "), "{text}");
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Descriptors beside each other on the test clouds: errors, curves, times, and which objects each gets wrong.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::error_axis;
 use crate::error::Error;
@@ -92,8 +92,16 @@ pub(crate) fn times(comparison: &Rows) -> Result<Option<Figure>, Error> {
         let height = 90 + 26 * names.len() as u32;
         Panel { title: String::new(), x: x.including(0.0), y: Axis::names("", names.clone()), series, height }
     };
-    let hardware = comparison.texts("hardware")?.into_iter().find(|hardware| !hardware.is_empty());
-    let hardware = hardware.map_or_else(String::new, |hardware| format!(" Measured on: {hardware}."));
+    let hardware: BTreeSet<String> = comparison.texts("hardware")?.into_iter().collect();
+    let hardware: Vec<String> = hardware.into_iter().filter(|hardware| !hardware.is_empty()).collect();
+    let hardware = match &hardware[..] {
+        [] => String::new(),
+        [one] => format!(" Measured on: {one}."),
+        several => format!(
+            " Measured on several processors, so that not all times can be compared; which, says table comparison: {}.",
+            several.join(", ")
+        ),
+    };
     Ok(Some(Figure {
         id: "comparison-times".to_owned(),
         title: "Time of each stage".to_owned(),

@@ -10,7 +10,9 @@ pub(crate) fn front(front: &Rows) -> Result<Figure, Error> {
     let error = |column: &str| -> Result<Vec<f64>, Error> {
         Ok(front.numbers(column)?.into_iter().map(percent).collect())
     };
-    let (train, validation) = (error("train_object_error")?, error("validation_object_error")?);
+    let counted = front.counted()?;
+    let (train, validation) =
+        (error(&format!("train_{counted}_error"))?, error(&format!("validation_{counted}_error"))?);
     let winner = front.numbers("winner")?;
     let cost = front.numbers("cost")?.into_iter().map(|cost| cost / 1000.0).collect();
     let axes = [
@@ -34,7 +36,7 @@ pub(crate) fn front(front: &Rows) -> Result<Figure, Error> {
                 of_winner.map(|(point, _)| point).collect(),
             ),
         ];
-        panel(x.including(0.0), error_axis("object error").including(0.0), series)
+        panel(x.including(0.0), error_axis(&format!("{counted} error")).including(0.0), series)
     };
     let caption = "The descriptors of which none is better than another in all objectives, by their errors on training and \
                    validation clouds, their counted cost and their size.";

@@ -67,7 +67,7 @@ pub(crate) fn trajectories(evaluations: &Rows, generations: &Rows) -> Result<Fig
 ///
 /// `grid` is table `marginals` of an exhaustive search.
 pub(crate) fn marginals(evaluations: &Rows, grid: Option<&Rows>) -> Result<Figure, Error> {
-    let errors = evaluations.numbers("object_error")?;
+    let errors = evaluations.numbers(&format!("{}_error", evaluations.counted()?))?;
     let mut panels = Vec::new();
     for gene in evaluations.genes() {
         let values = evaluations.optional(&gene.name)?;

@@ -6,10 +6,11 @@ use crate::read::FinishedRun;
 use crate::report::data::{Rows, percent};
 use crate::report::figure::{Axis, Colour, Dash, Figure, Series, Symbol};
 
-/// Errors of each generation's best, mean and worst, of the best so far, and of validation. `default`: the error that the
-/// descriptor which anybody has makes on the test clouds, percent.
+/// Errors of each generation's best, mean and worst, of the best so far, and of validation, of what was
+/// [counted](Rows::counted). `default`: the error that the descriptor which anybody has makes on the test clouds, percent.
 pub(crate) fn convergence(
     generations: &Rows,
+    counted: &str,
     finished: Option<&FinishedRun>,
     default: Option<f64>,
 ) -> Result<Figure, Error> {
@@ -20,7 +21,7 @@ pub(crate) fn convergence(
     let [best, mean, worst] = [error("best_fitness")?, error("mean_fitness")?, error("worst_fitness")?];
     let so_far: Vec<[f64; 2]> = zip(&x, &error("best_so_far_fitness")?).collect();
     let validation: Vec<f64> =
-        generations.numbers("validation_object_error")?.into_iter().map(percent).collect();
+        generations.numbers(&format!("validation_{counted}_error"))?.into_iter().map(percent).collect();
     let validation: Vec<[f64; 2]> = zip(&x, &validation).collect();
     let all = x.iter().zip(best.iter().zip(&worst)).map(|(&x, (&best, &worst))| [x, best, worst]);
     // What matters lies between what was reached and what was there before; what individuals are like in the beginning
@@ -34,8 +35,8 @@ pub(crate) fn convergence(
         Series::dashed("validation", Colour::Vermillion, Dash::Dotted, validation.clone()),
         Series::points("", Colour::Vermillion, Symbol::Dot, validation.clone()),
     ];
-    let mut caption = String::from(
-        "Error of object recognition in each generation: of the training clouds for all individuals",
+    let mut caption = format!(
+        "Error of {counted} recognition in each generation: of the training clouds for all individuals"
     );
     caption.push_str(if validation.is_empty() {
         "; validation was not measured."
@@ -48,7 +49,7 @@ pub(crate) fn convergence(
     };
     if let Some(run) = finished {
         let winner = f64::from(run.row.winner_generation);
-        let error = percent(run.row.train.object_error());
+        let error = percent(run.row.errors(run.row.train).share());
         series.push(Series::points("winner", Colour::Black, Symbol::Triangle, vec![[winner, error]]));
         seen.push(error);
         if let Some(best) = run.row.grid_best_object_correct {
@@ -62,7 +63,7 @@ pub(crate) fn convergence(
             ));
         }
         if let Some(test) = run.row.test {
-            let error = percent(test.object_error());
+            let error = percent(run.row.errors(test).share());
             seen.push(error);
             let asked = match run.row.weighted_train {
                 Some(_) => "winner on the test clouds, weighed",
@@ -89,7 +90,7 @@ pub(crate) fn convergence(
     if highest > ends[1] {
         caption.push_str(&format!(" Individuals beyond the axis, up to {highest:.1} %, are cut off."));
     }
-    let y = Axis::within("object error", "% of clouds", ends);
+    let y = Axis::within(&format!("{counted} error"), "% of clouds", ends);
     Ok(Figure::single("convergence", "Convergence", caption, panel(generations_axis(), y, series)))
 }
 
