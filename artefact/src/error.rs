@@ -4,7 +4,8 @@ use std::io;
 use std::path::PathBuf;
 
 use descriptor::cloud_file::CloudFileError;
-use descriptor::{DescribeError, Skip};
+use descriptor::spacing::WrongUnit;
+use descriptor::{DescribeError, Skip, Unit};
 use proto::Message;
 
 use crate::database_file::DatabaseError;
@@ -97,7 +98,13 @@ pub enum CloudError {
     File(#[from] CloudFileError),
     /// It is sound, but there is too little of it.
     #[error("{0}\nshow more of the object, and check the unit: the artefact's clouds are in {1}")]
-    Skip(Skip, &'static str),
+    Skip(Skip, Unit),
+    /// Its points are as far apart as in no cloud of the artefact's unit.
+    #[error("{wrong}\nconvert it: the artefact's clouds are in {}", .wrong.unit)]
+    Unit {
+        /// Its spacing.
+        wrong: WrongUnit,
+    },
     /// It cannot be described.
     #[error(transparent)]
     Describe(DescribeError),

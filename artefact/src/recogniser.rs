@@ -4,9 +4,10 @@ use std::path::Path;
 use std::time::Instant;
 
 use descriptor::recogniser::{Evidence, LearnedRecogniser, RejectRule};
+use descriptor::spacing::check_unit;
 use descriptor::{
     Cloud, DescribeError, Described, Describer, Descriptor, PrepareError, Preprocess, Signature, Signatures,
-    Unit, cloud_file, recogniser,
+    cloud_file, recogniser,
 };
 use proto::Message;
 
@@ -160,15 +161,14 @@ impl Recogniser {
     /// The artefact's description of a cloud in the artefact's unit; `seconds` takes the time of each stage.
     ///
     /// # Errors
-    /// [`CloudError`] if there is too little of it to be described.
+    /// [`CloudError`] if it is in another unit, or there is too little of it to be described.
     pub fn describe_cloud(&self, cloud: &Cloud, seconds: &mut Seconds) -> Result<Described, CloudError> {
         let clock = Instant::now();
         let cloud = self.preprocess.in_metres(cloud);
+        check_unit(&cloud, &self.preprocess).map_err(|wrong| CloudError::Unit { wrong })?;
         seconds.read += clock.elapsed();
         stages(&cloud, &self.preprocess, &self.describer, seconds).map_err(|error| match error {
-            DescribeError::Prepare(PrepareError::Skip(skip)) => {
-                CloudError::Skip(skip, unit_name(self.preprocess.unit))
-            }
+            DescribeError::Prepare(PrepareError::Skip(skip)) => CloudError::Skip(skip, self.preprocess.unit),
             other => CloudError::Describe(other),
         })
     }
@@ -270,12 +270,4 @@ impl Contents {
 
 fn damaged(folder: &Path, what: String) -> ArtefactError {
     ArtefactError::Database { what: format!("{}: {what}", folder.join(DATABASE).display()) }
-}
-
-/// A unit's name, as in settings.
-fn unit_name(unit: Unit) -> &'static str {
-    match unit {
-        Unit::Metre => "m",
-        Unit::Millimetre => "mm",
-    }
 }

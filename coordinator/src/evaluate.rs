@@ -6,6 +6,7 @@ use std::time::Instant;
 
 pub use artefact::{Seconds, stages};
 use descriptor::recognise::{RecogniseError, recognise_from};
+use descriptor::spacing::{WrongUnit, check_spacing, median_spacing};
 use descriptor::{
     Cloud, Correct, DescribeError, Described, Describer, DescriberError, Descriptor, Label, Match,
     PrepareError, Preprocess, SetDistance, Signature, Signatures, cloud_file,
@@ -13,7 +14,7 @@ use descriptor::{
 use proto::Message;
 use rayon::prelude::*;
 
-use crate::dataset::{ListedCloud, Listing, cloud_bytes};
+use crate::dataset::{ListedCloud, Listing, SPACING_CLOUDS, cloud_bytes};
 
 /// More distances, over all channels, are not kept at once: queries are matched by pruning. They would take 256 MiB.
 const LARGEST_DISTANCES: usize = 64 << 20;
@@ -63,13 +64,25 @@ pub enum EvaluateError {
     },
     /// All queries or the whole database were skipped.
     #[error(
-        "{which}: no usable cloud, got {skipped} skipped ones\nlook at the reasons, or choose other lists"
+        "{which}: no usable cloud, got {skipped} skipped ones: {first}\nchoose other lists, or other clouds"
     )]
     Empty {
         /// Which side.
         which: &'static str,
         /// How many were skipped.
         skipped: usize,
+        /// The first of them and why.
+        first: String,
+    },
+    /// Clouds whose points are as far apart as in no cloud of the unit.
+    #[error("--unit: {wrong} in {cloud}, the median of {clouds} clouds\nadd --unit {}", .wrong.other)]
+    Unit {
+        /// The cloud with the median spacing.
+        cloud: String,
+        /// Clouds that were looked at.
+        clouds: usize,
+        /// Its spacing.
+        wrong: WrongUnit,
     },
     /// The descriptor.
     #[error(transparent)]
@@ -132,7 +145,10 @@ impl DescribedClouds {
         let [query, database] = sides;
         for (which, side) in [("--query", &query), ("--database", &database)] {
             if side.signatures.is_empty() {
-                return Err(EvaluateError::Empty { which, skipped: side.skipped });
+                let of_database = if which == "--query" { 0 } else { query.skipped };
+                let first = skipped.get(of_database);
+                let first = first.map(|(cloud, reason)| format!("{cloud}: {reason}")).unwrap_or_default();
+                return Err(EvaluateError::Empty { which, skipped: side.skipped, first });
             }
         }
         seconds.total = started.elapsed();
@@ -218,6 +234,27 @@ impl Side {
     fn channel(&self, channel: usize) -> Signatures {
         self.signatures.iter().map(|cloud| &cloud[channel]).collect()
     }
+}
+
+/// Refuses clouds of another unit than that of the settings, by the spacing of some of them, as a run does.
+///
+/// # Errors
+/// [`EvaluateError::Unit`]. Clouds that cannot be read are passed over.
+pub fn check_units(listing: &Listing, preprocess: &Preprocess) -> Result<(), EvaluateError> {
+    let every = listing.clouds.len().div_ceil(SPACING_CLOUDS).max(1);
+    let some: Vec<&ListedCloud> = listing.clouds.iter().step_by(every).collect();
+    let spacing = |cloud: &&ListedCloud| {
+        let read = read_cloud(&cloud.path, &cloud.file, preprocess).ok()?;
+        Some((median_spacing(&read.points)?, cloud.path.clone()))
+    };
+    let mut spaced: Vec<(f64, String)> = some.par_iter().filter_map(spacing).collect();
+    spaced.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+    let Some((spacing, cloud)) = spaced.get(spaced.len().saturating_sub(1) / 2) else { return Ok(()) };
+    check_spacing(*spacing, preprocess).map_err(|wrong| EvaluateError::Unit {
+        cloud: cloud.clone(),
+        clouds: spaced.len(),
+        wrong,
+    })
 }
 
 /// The points of a cloud, in metres.

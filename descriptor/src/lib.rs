@@ -45,6 +45,7 @@ mod header_text;
 pub mod pcd;
 pub mod ply;
 pub mod preprocess;
+pub mod spacing;
 pub mod synth;
 
 mod cell_list;

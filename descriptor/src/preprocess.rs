@@ -1,6 +1,7 @@
 //! What is done to every cloud whatever the descriptor: unit, keypoint grid, normals, smallest size.
 
 use std::borrow::Cow;
+use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
@@ -25,6 +26,32 @@ impl Unit {
             Self::Metre => 1.0,
             Self::Millimetre => 0.001,
         }
+    }
+
+    /// The other one.
+    pub fn other(self) -> Self {
+        match self {
+            Self::Metre => Self::Millimetre,
+            Self::Millimetre => Self::Metre,
+        }
+    }
+
+    /// What a length of so many metres would be if its coordinates were in the other unit.
+    pub fn in_other(self, metres: f64) -> f64 {
+        match self {
+            Self::Metre => metres * 0.001,
+            Self::Millimetre => metres * 1000.0,
+        }
+    }
+}
+
+/// As in settings.
+impl fmt::Display for Unit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Metre => "m",
+            Self::Millimetre => "mm",
+        })
     }
 }
 

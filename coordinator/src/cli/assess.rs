@@ -16,7 +16,8 @@ use super::look::{LookArgs, noted};
 
 /// Measure an artefact on labelled clouds: wrong names, known objects that are rejected, and unknown ones
 ///
-/// Each cloud is asked twice: of the artefact as it is, and without the clouds of its object.
+/// Each cloud is asked twice: of the artefact as it is, and without the clouds of its object. Clouds that the artefact holds
+/// are skipped.
 ///
 /// Example: coordinator assess objects --data results/data/demo --query test.txt
 #[derive(Debug, Args)]

@@ -17,7 +17,7 @@ use super::layout::{LayoutArgs, LayoutName};
 use super::look::{LookArgs, noted};
 use crate::console::say;
 use crate::dataset::Listing;
-use crate::evaluate::{DescribedClouds, Report, Request, compared_by};
+use crate::evaluate::{DescribedClouds, Report, Request, check_units, compared_by};
 use crate::experiment::name_advice;
 use crate::lines::{percent, wrapped};
 use crate::looks::Look;
@@ -48,9 +48,9 @@ pub struct Evaluate {
     /// File of a structure, channel by channel, instead of a family, for example experiments/descriptors/pfhrgb.toml
     #[arg(long, value_name = "TOML", conflicts_with_all = ["descriptor", "set", "radius_cm"])]
     structure: Option<PathBuf>,
-    /// Radius of the region of pfhrgb and shotcolor in centimetres, for example 5
-    #[arg(long, value_name = "CM", default_value_t = 5.0)]
-    radius_cm: f64,
+    /// Radius of the region of pfhrgb and shotcolor in centimetres, 5 if not given, for example 3
+    #[arg(long, value_name = "CM")]
+    radius_cm: Option<f64>,
     /// How the centroids and deviations of two clouds are compared, for example l1
     #[arg(long, value_name = "NAME", default_value = "chi2", value_parser = SetDistance::ALL.map(SetDistance::name))]
     distance: String,
@@ -102,7 +102,7 @@ impl Evaluate {
             unit: self.unit,
             ..Preprocess::default()
         };
-        let descriptor = self.descriptor(super::micrometres("--radius-cm", self.radius_cm)?)?;
+        let descriptor = self.descriptor()?;
         let label = self.label();
         let place =
             |lists: &[PathBuf]| -> Vec<_> { lists.iter().map(|list| list_file(&self.data, list)).collect() };
@@ -119,6 +119,7 @@ impl Evaluate {
             threads,
             scaled_by: None,
         };
+        check_units(&request.listing, &preprocess)?;
         let note = |look: Look| -> anyhow::Result<(Look, usize)> {
             let files: Vec<&Path> = request.listing.clouds.iter().map(|cloud| &*cloud.file).collect();
             let test_clouds = look.note(&files, &label)?;
@@ -162,7 +163,7 @@ impl Evaluate {
         file.map_or_else(|| self.descriptor.clone(), name)
     }
 
-    fn descriptor(&self, radius_um: u32) -> anyhow::Result<Descriptor> {
+    fn descriptor(&self) -> anyhow::Result<Descriptor> {
         if let Some(file) = &self.structure {
             let descriptor = Descriptor::Structure(read_structure(file)?);
             let needs_colour = descriptor.needs_colour() && self.no_colour;
@@ -179,7 +180,17 @@ impl Evaluate {
             let set = self.set.join(" ");
             anyhow::ensure!(self.set.is_empty(), "--set: {family} has no genes, got {set}\n{choose}");
             anyhow::ensure!(!self.no_colour, "--no-colour: {family} needs colours, got none\n{choose}");
+            let radius_um = match self.radius_cm {
+                Some(radius_cm) => super::micrometres("--radius-cm", radius_cm)?,
+                None => FixedDescriptor::DEFAULT_RADIUS_UM,
+            };
             return Ok(Descriptor::Fixed(FixedDescriptor { kind, radius_um }));
+        }
+        if let Some(radius_cm) = self.radius_cm {
+            anyhow::bail!(
+                "--radius-cm: {family} has no region of one radius, got {radius_cm}\nleave it out, or choose --descriptor {}",
+                FixedKind::PfhRgb.name()
+            );
         }
         if family == Family::Structure {
             let files = "name a file of channels: --structure experiments/descriptors/pfhrgb.toml";

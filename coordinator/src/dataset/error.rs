@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use super::Clouds;
 use super::pattern::Pattern;
+use descriptor::spacing::WrongUnit;
 
 /// Where a cloud was named.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -303,23 +304,16 @@ pub enum DatasetError {
 
     /// Clouds whose points are as far apart as in no cloud of the declared unit.
     #[error(
-        "dataset.unit: points {} to {} mm apart expected, got {spacing} mm with unit = \"{unit}\" in {cloud}, the median of {clouds} clouds\n\
-         set dataset.unit = \"{other}\": the coordinates are in another unit",
-        .expected[0], .expected[1]
+        "dataset.unit: {wrong} in {cloud}, the median of {clouds} clouds\nset dataset.unit = \"{}\"",
+        .wrong.other
     )]
     Unit {
         /// The cloud with the median spacing.
         cloud: String,
         /// Clouds that were looked at.
         clouds: usize,
-        /// Median distance of its points to the nearest other, millimetres, if the unit were right.
-        spacing: f64,
-        /// Smallest and largest spacing that is accepted, millimetres.
-        expected: [f64; 2],
-        /// The declared unit.
-        unit: &'static str,
-        /// The one that is likely.
-        other: &'static str,
+        /// Its spacing.
+        wrong: WrongUnit,
     },
 
     /// Clouds without colour where colour is wanted.

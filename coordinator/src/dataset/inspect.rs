@@ -2,7 +2,8 @@
 
 use cache::Store;
 use descriptor::prepare::usable;
-use descriptor::{Cloud, PrepareError, Preprocess, Skip, Unit, cloud_file};
+use descriptor::spacing::{PLAUSIBLE_SPACING, check_spacing, median_spacing, millimetres};
+use descriptor::{PrepareError, Preprocess, Skip, Unit, cloud_file};
 use proto::Message;
 use rayon::prelude::*;
 
@@ -14,18 +15,7 @@ use super::leak::Position;
 use super::root::Root;
 
 /// Clouds whose point spacing is looked at.
-const SPACING_CLOUDS: usize = 20;
-/// Distances computed for the spacing of one cloud, at most.
-const SPACING_DISTANCES: usize = 5_000_000;
-/// Points of a cloud whose nearest neighbour is looked for, at most.
-const SPACING_POINTS: usize = 200;
-/// Plausible medians, metres. Depth cameras see household objects at 0.5 to 10 mm, desktop scanners down to
-/// 0.1 mm; beyond these bounds the unit is wrong, or no neighbourhood of some centimetres has points.
-const PLAUSIBLE_SPACING: std::ops::RangeInclusive<f64> = 0.000_05..=0.05;
-/// Below this median, metres, clouds of a plausible other unit are refused: a scanner with points 0.02 mm apart, taken
-/// for one in metres, would have them 2 cm apart, which is no longer clearly absurd.
-const LEAST_SPACING: f64 = 0.000_02;
-
+pub(crate) const SPACING_CLOUDS: usize = 20;
 /// What reading one cloud gave.
 pub(super) struct Inspected {
     /// BLAKE3 of the file's bytes and their number; `None` if they could not be read.
@@ -131,32 +121,12 @@ fn inspect_one(
         Err(error @ PrepareError::TooDense { .. }) => State::TooDense(Message::of(&error).what),
         Err(error) => State::Unreadable(Message::of(&error).what),
     };
-    let spacing =
-        if measured.spacing { median_spacing(&preprocess.in_metres(&cloud)) } else { Spacing::NotMeasured };
+    let spacing = match measured.spacing {
+        true => median_spacing(&preprocess.in_metres(&cloud).points).map_or(Spacing::None, Spacing::Metres),
+        false => Spacing::NotMeasured,
+    };
     let position = if measured.position { Position::of(&cloud.points) } else { None };
     Inspected { file, state, spacing, position }
-}
-
-/// Median, over points spread through the cloud, of the distance to the nearest other position.
-fn median_spacing(cloud: &Cloud) -> Spacing {
-    let points = &cloud.points;
-    let wanted = SPACING_POINTS.min((SPACING_DISTANCES / points.len().max(1)).max(1));
-    let every = points.len().div_ceil(wanted).max(1);
-    let nearest = |point: &[f32; 3]| {
-        let squared = points.iter().map(|other| {
-            let [x, y, z] = [0, 1, 2].map(|axis| f64::from(point[axis]) - f64::from(other[axis]));
-            x * x + y * y + z * z
-        });
-        squared.filter(|&d2| d2 > 0.0).min_by(f64::total_cmp).map(f64::sqrt)
-    };
-    let nearest = points.iter().step_by(every).filter_map(nearest);
-    median(nearest.collect()).map_or(Spacing::None, Spacing::Metres)
-}
-
-/// The lower median.
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len().saturating_sub(1) / 2).copied()
 }
 
 /// The clouds whose points' spacing was measured, by that spacing in metres.
@@ -170,8 +140,7 @@ fn spaced<'a>(listed: &[&'a Labelled], inspected: &[Inspected]) -> Vec<(f64, &'a
     spaced
 }
 
-/// Refuses clouds of another unit than the one that is declared, where their spacing says so: it is that of no sensor,
-/// and would be that of one in the other unit. Normals over a larger radius than usual go with sparser clouds.
+/// Refuses clouds of another unit than the one that is declared, where their spacing says so.
 pub(super) fn refuse_unit(
     listed: &[&Labelled],
     inspected: &[Inspected],
@@ -179,33 +148,11 @@ pub(super) fn refuse_unit(
 ) -> Result<(), DatasetError> {
     let spaced = spaced(listed, inspected);
     let Some((spacing, cloud)) = spaced.get(spaced.len().saturating_sub(1) / 2) else { return Ok(()) };
-    let most = PLAUSIBLE_SPACING.end().max(preprocess.normal_radius());
-    let (unit, other, factor) = names(preprocess.unit);
-    if (LEAST_SPACING..=most).contains(spacing) || !PLAUSIBLE_SPACING.contains(&(spacing * factor)) {
-        return Ok(());
-    }
-    let millimetres = |metres| two_digits(metres * 1000.0);
-    Err(DatasetError::Unit {
+    check_spacing(*spacing, preprocess).map_err(|wrong| DatasetError::Unit {
         cloud: cloud.located.path.clone(),
         clouds: spaced.len(),
-        spacing: millimetres(*spacing),
-        expected: [LEAST_SPACING, most].map(millimetres),
-        unit,
-        other,
+        wrong,
     })
-}
-
-/// A unit's name, the other's, and what a length in metres is multiplied by to be read in the other.
-fn names(unit: Unit) -> (&'static str, &'static str, f64) {
-    match unit {
-        Unit::Metre => ("m", "mm", 0.001),
-        Unit::Millimetre => ("mm", "m", 1000.0),
-    }
-}
-
-/// A number to two significant digits, without an exponent.
-fn two_digits(value: f64) -> f64 {
-    format!("{value:.1e}").parse().unwrap_or(value)
 }
 
 /// A warning if the median point spacing of the clouds is implausible in any unit, or nearly so in its own.
@@ -215,15 +162,14 @@ pub(super) fn spacing_warning(listed: &[&Labelled], inspected: &[Inspected], uni
     if PLAUSIBLE_SPACING.contains(spacing) {
         return None;
     }
-    let (unit, other, factor) = names(unit);
-    let advice = if PLAUSIBLE_SPACING.contains(&(spacing * factor)) {
-        format!("the clouds are probably in another unit: set dataset.unit = \"{other}\"")
+    let advice = if PLAUSIBLE_SPACING.contains(&unit.in_other(*spacing)) {
+        format!("the clouds are probably in another unit: set dataset.unit = \"{}\"", unit.other())
     } else {
         "convert the clouds to metres or millimetres and set dataset.unit".to_owned()
     };
     Some(format!(
         "dataset.unit: points 0.05 to 50 mm apart expected, got {} mm with unit = \"{unit}\" in {}, the median of {} clouds\n{advice}",
-        two_digits(spacing * 1000.0),
+        millimetres(*spacing),
         cloud.located.path,
         spaced.len(),
     ))

@@ -36,6 +36,7 @@ use descriptor::{Preprocess, Skip};
 pub use error::{DatasetError, Place};
 pub(crate) use file::{MAX_FILE_BYTES, read_file};
 pub(crate) use images::{cloud_bytes, reads_camera};
+pub(crate) use inspect::SPACING_CLOUDS;
 pub use leak::{Leak, Recognised, Verdict};
 pub use named::NamedCloud;
 pub use pattern::{Pattern, PatternError};

@@ -9,7 +9,8 @@ use descriptor::{Signature, Signatures};
 use rayon::prelude::*;
 
 use super::error::AssessError;
-use super::{describe_all, reject};
+use super::held::HeldClouds;
+use super::{describe_all, none_usable, reject};
 use crate::dataset::{Layout, NamedCloud};
 use crate::looks::Look;
 
@@ -33,7 +34,7 @@ pub struct Assessment {
     pub foreign_rejected: usize,
     /// Clouds that are asked of the artefact without their object.
     pub left_out: usize,
-    /// Clouds that cannot be used, and why.
+    /// Clouds that were not asked, and why: they cannot be used, or the artefact holds them.
     pub skipped: Vec<(String, String)>,
     /// The artefact's share of false rejections, if it rejects.
     pub false_rejections: Option<f64>,
@@ -93,7 +94,15 @@ pub fn assess(
         None => None,
     };
 
-    let (described, skipped) = describe_all(&recogniser, &listed);
+    let (described, mut skipped) = describe_all(&recogniser, &listed);
+    // A cloud that is held is at no distance from itself: that says nothing of clouds that are not.
+    let held = HeldClouds::new(&clouds, &reference);
+    let (described, of_artefact): (Vec<_>, Vec<_>) =
+        described.into_iter().partition(|(_, signatures)| held.name(signatures).is_none());
+    skipped.extend(of_artefact.iter().map(|(cloud, signatures)| {
+        let name = held.name(signatures).unwrap_or_default();
+        (cloud.path.clone(), format!("the artefact holds it as {name}"))
+    }));
     let numbers: BTreeMap<&str, u32> = (clouds.iter().zip(labels(&clouds)))
         .map(|(cloud, label)| (&*cloud.instance, label.instance))
         .collect();
@@ -104,7 +113,7 @@ pub fn assess(
     };
     let queries: Vec<Query> = described.into_iter().map(query).collect();
     if queries.is_empty() {
-        return Err(AssessError::NoCloud { skipped: skipped.len() });
+        return Err(AssessError::NoCloud { got: none_usable(&skipped) });
     }
 
     let (got, most) = (clouds.len() + queries.len(), 2 * MAX_CLOUDS);

@@ -286,12 +286,10 @@ pub enum AssessError {
     #[error(transparent)]
     Look(#[from] LookError),
     /// Nothing can be asked.
-    #[error(
-        "--query: must have a usable cloud, got {skipped} skipped ones\nlook at the reasons, or choose other lists"
-    )]
+    #[error("--query: must have a usable cloud, got {got}\nchoose other lists, or other clouds")]
     NoCloud {
-        /// Clouds that were skipped.
-        skipped: usize,
+        /// What there is instead.
+        got: String,
     },
     /// The distances of all pairs would not fit.
     #[error(

@@ -1,6 +1,6 @@
 //! Objects, or further clouds of objects, added to an artefact without the run that it was made from.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 
@@ -10,11 +10,12 @@ use artefact::{
 };
 use descriptor::Signature;
 
-use super::describe_all;
 use super::error::LearnError;
+use super::held::HeldClouds;
 use super::readme::{About, Origin};
 use super::reject::{self, Reject};
 use super::write::{Draft, Written, refuse_occupied};
+use super::{describe_all, none_usable};
 use crate::dataset::{Layout, NamedCloud, read_file};
 use crate::reference_clouds::part_of;
 
@@ -80,15 +81,10 @@ pub fn learn(
     let former = Recogniser::new(preprocess, &descriptor, held, database.clone()).map_err(together)?;
     let (added, skipped) = describe_all(&former, &found);
     if added.is_empty() {
-        let got = match skipped.first() {
-            Some((cloud, reason)) => {
-                format!("{} that cannot be used, such as {cloud}: {reason}", skipped.len())
-            }
-            None => "none".to_owned(),
-        };
-        return Err(LearnError::NoCloud { folder: new.to_owned(), got });
+        return Err(LearnError::NoCloud { folder: new.to_owned(), got: none_usable(&skipped) });
     }
-    check_contents(&database, &added)?;
+    let reference = signatures(&descriptor, &database).map_err(together)?;
+    check_contents(HeldClouds::new(&database.clouds, &reference), &added)?;
 
     let before = sized(&database.clouds, &former);
     let database = with(database, &added);
@@ -182,30 +178,15 @@ fn check_names(found: &[NamedCloud], reference: &[DatabaseCloud]) -> Result<(), 
     Ok(())
 }
 
-/// Refuses clouds whose signatures are, bit for bit, those of another: the same content, under whatever name.
-fn check_contents(database: &Database, added: &[(&NamedCloud, Vec<Signature>)]) -> Result<(), LearnError> {
-    let clouds = database.clouds.len();
-    let part = |part: &DatabasePart, cloud: usize| -> Vec<u32> {
-        let of = |values: &[f32]| -> Vec<u32> {
-            let length = values.len() / clouds.max(1);
-            values[cloud * length..][..length].iter().map(|value| value.to_bits()).collect()
-        };
-        [of(&part.centroids), of(&part.deviations)].concat()
-    };
-    let parts = database.parts.as_slice();
-    let mut seen: HashMap<Vec<u32>, &str> = HashMap::new();
-    for (cloud, row) in database.clouds.iter().enumerate() {
-        seen.insert(parts.iter().flat_map(|one| part(one, cloud)).collect(), &row.cloud);
-    }
+/// Refuses clouds that have the content of another.
+fn check_contents<'a>(
+    mut held: HeldClouds<'a>,
+    added: &'a [(&NamedCloud, Vec<Signature>)],
+) -> Result<(), LearnError> {
     let mut same = Vec::new();
     for (cloud, signatures) in added {
-        let bits = signatures.iter().flat_map(|Signature { centroid, deviation }| {
-            centroid.iter().chain(deviation).map(|value| value.to_bits())
-        });
-        let content: Vec<u32> = bits.collect();
-        match seen.get(&content) {
-            Some(&of) => same.push((cloud.path.clone(), of.to_owned())),
-            None => drop(seen.insert(content, &cloud.path)),
+        if let Some(of) = held.add(signatures, &cloud.path) {
+            same.push((cloud.path.clone(), of.to_owned()));
         }
     }
     let count = same.len();

@@ -6,6 +6,7 @@
 
 mod assess;
 mod error;
+mod held;
 mod learn;
 mod of_run;
 mod readme;
@@ -53,6 +54,14 @@ fn describe(recogniser: &Recogniser, cloud: &NamedCloud) -> Result<Vec<Signature
     let bytes = cloud_bytes(&cloud.file)?;
     let described = recogniser.describe(&bytes, &mut Seconds::default());
     Ok(described.map_err(|error| Message::of(&error).what)?.signatures)
+}
+
+/// What there is where no cloud can be used.
+fn none_usable(skipped: &[(String, String)]) -> String {
+    match skipped.first() {
+        Some((cloud, reason)) => format!("{} that cannot be used, such as {cloud}: {reason}", skipped.len()),
+        None => "none".to_owned(),
+    }
 }
 
 /// Clouds with their signatures, and those that have none, with the reason.

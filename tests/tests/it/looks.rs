@@ -48,10 +48,21 @@ fn measurements_on_test_clouds_are_noted_in_the_run() {
 
     // Without the run nobody knows, and clouds that are none of its test clouds are no look.
     assert_eq!(test_clouds(assess("test.txt", &["--json"])), Value::Null);
-    assert_eq!(test_clouds(assess("validation.txt", &["--run", &out, "--json"])), 0);
-    let told = assess("validation.txt", &["--run", &out]).expect_success().stdout;
+    let other = experiment.path("other");
+    run("coordinator", ["synth", &other, "--objects", "2", "--views", "8", "--seed", "9"]).expect_success();
+    let elsewhere = |more: &[&str]| {
+        let args = ["assess", &artefact, "--data", &other, "--query", "test.txt", "--run", &out];
+        run("coordinator", args.into_iter().chain(more.iter().copied()))
+    };
+    assert_eq!(test_clouds(elsewhere(&["--json"])), 0);
+    let told = elsewhere(&[]).expect_success().stdout;
     assert!(told.contains("\nlook          none noted: no cloud is a test cloud of "), "{told}");
     assert_eq!(looks(&out), before);
+    // What the artefact holds says nothing of other clouds.
+    let held = assess("validation.txt", &[]).expect_error();
+    let [first, ..] = &lines("validation.txt")[..] else { panic!("no validation clouds") };
+    let said = format!("such as {first}: the artefact holds it as {first}\nchoose other lists");
+    assert!(held.stderr.contains(&said), "{held}");
 
     let asked = assess("test.txt", &["--run", &out, "--reason", "bounds", "--json"]);
     assert_eq!(test_clouds(asked), lines("test.txt").len());

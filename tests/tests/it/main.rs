@@ -105,6 +105,7 @@ mod signatures;
 mod strangers;
 mod structures;
 mod sweeps;
+mod units;
 mod unknown_objects;
 mod upgrades;
 mod verdicts;

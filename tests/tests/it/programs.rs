@@ -248,6 +248,11 @@ fn evaluate_knows_the_descriptors_that_the_papers_is_compared_with() {
         assert!(refused.stderr.contains(&format!("--no-colour: {kind} needs colours")), "{refused}");
     }
     assert_eq!(evaluate(&["--descriptor", "fpfh"]).expect_error().status.code(), Some(2));
+    for family in ["disk-ring", "global-hue"] {
+        let refused = evaluate(&["--descriptor", family, "--radius-cm", "3"]).expect_error();
+        let said = format!("error: --radius-cm: {family} has no region of one radius, got 3\n");
+        assert!(refused.stderr.contains(&said), "{refused}");
+    }
     // Two points of a cloud are never a metre apart: the channel tells nothing.
     let channel = "pairs = \"cloud\"\nfeatures = [\"d 5\"]\nradius_cm = 100\nsamples = 512\n";
     let file = folder.path("one.toml");

@@ -356,7 +356,7 @@ fn lists_that_name_no_cloud_are_refused() {
         let refused = run("coordinator", args).expect_error();
         assert!(refused.stderr.contains(complaint), "{complaint}: {refused}");
     };
-    refused("# nothing\n", "--query: must have a usable cloud, got 0 skipped ones");
+    refused("# nothing\n", "--query: must have a usable cloud, got none");
     refused("../elsewhere.pcd\n", "path below the data root expected");
     refused("no/such/cloud.pcd\n", "cloud file expected, got no/such/cloud.pcd");
 }

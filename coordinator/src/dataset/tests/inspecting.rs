@@ -118,12 +118,12 @@ fn a_point_spacing_that_no_sensor_has_names_the_likely_unit() {
     assert_eq!(said(0.0015, Unit::Metre), "");
     assert_eq!(said(1.5, Unit::Millimetre), "");
     expect![[r#"
-        refused: dataset.unit: points 0.02 to 50 mm apart expected, got 1500 mm with unit = "m" in cup/cup_2/cup_2_1_2.pcd, the median of 16 clouds
-        set dataset.unit = "mm": the coordinates are in another unit"#]]
+        refused: dataset.unit: points 0.02 to 50 mm apart expected, got 1500 mm, as if mm were read as m in cup/cup_2/cup_2_1_2.pcd, the median of 16 clouds
+        set dataset.unit = "mm""#]]
     .assert_eq(&said(1.5, Unit::Metre));
     expect![[r#"
-        refused: dataset.unit: points 0.02 to 50 mm apart expected, got 0.0015 mm with unit = "mm" in cup/cup_2/cup_2_1_2.pcd, the median of 16 clouds
-        set dataset.unit = "m": the coordinates are in another unit"#]]
+        refused: dataset.unit: points 0.02 to 50 mm apart expected, got 0.0015 mm, as if m were read as mm in cup/cup_2/cup_2_1_2.pcd, the median of 16 clouds
+        set dataset.unit = "m""#]]
     .assert_eq(&said(0.0015, Unit::Millimetre));
     // A dense scanner's, or that of clouds that are sparse in metres.
     expect![[r#"
