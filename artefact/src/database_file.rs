@@ -85,6 +85,9 @@ impl DatabaseError {
 /// Most values of one column: the lists of 65 536 clouds, each with 4096 values. A few bytes can claim any number.
 const MAX_VALUES: usize = 1 << 28;
 
+/// Most rows: 16 times the clouds whose lists fit. A column that is not there is as many nulls.
+const MAX_ROWS: usize = 1 << 20;
+
 const TEXT: &str = "text";
 const U32: &str = "u32";
 const LIST: &str = "list of f32";
@@ -95,14 +98,22 @@ const LIST: &str = "list of f32";
 /// If the file cannot be read, is no database, or is damaged.
 pub fn read_database(file: impl AsRef<Path>) -> Result<(Database, Hash), DatabaseError> {
     let file = file.as_ref();
+    let bytes = read(file)?;
+    let digest = blake3::hash(&bytes);
+    Ok((decode_database(bytes, file)?, digest))
+}
+
+/// The bytes of the file.
+///
+/// # Errors
+/// If it cannot be read, or is no file.
+pub(crate) fn read(file: &Path) -> Result<Vec<u8>, DatabaseError> {
     let failed = |source| DatabaseError::Io { file: file.to_owned(), source };
     if !fs::metadata(file).map_err(failed)?.is_file() {
         // Reading a pipe would block.
         return Err(DatabaseError::Damaged { file: file.to_owned(), what: "it is no file".to_owned() });
     }
-    let bytes = fs::read(file).map_err(failed)?;
-    let digest = blake3::hash(&bytes);
-    Ok((decode_database(bytes, file)?, digest))
+    fs::read(file).map_err(failed)
 }
 
 /// Reads the bytes of such a file, which `file` names in errors. Whoever can write them can write their checksum, too, so a
@@ -153,10 +164,10 @@ impl<'a> Table<'a> {
                 return Err(DatabaseError::WrongTable { file: file.to_owned(), got: other.to_owned() });
             }
         };
-        let rows = usize::try_from(content.num_rows())
-            .ok()
-            .filter(|&rows| rows <= MAX_VALUES)
-            .ok_or_else(|| damaged(format!("its number of rows is {}", content.num_rows())))?;
+        let rows =
+            usize::try_from(content.num_rows()).ok().filter(|&rows| rows <= MAX_ROWS).ok_or_else(|| {
+                damaged(format!("it must have at most {MAX_ROWS} rows, got {}", content.num_rows()))
+            })?;
         Ok(Self { file, reader, rows, has_channels })
     }
 

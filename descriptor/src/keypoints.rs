@@ -6,6 +6,10 @@ use crate::Cloud;
 use crate::cell_list;
 use crate::prepare_error::PrepareError;
 
+/// Most keypoints of a cloud: each has a row of up to thousands of values. A hall of 100 m² of surface has as many, 2 cm
+/// apart.
+pub const MOST_KEYPOINTS: usize = 1 << 18;
+
 /// Keypoints of one cloud, one a voxel, z slowest and x fastest.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Keypoints {
@@ -23,13 +27,16 @@ impl Keypoints {
     ///
     /// # Errors
     /// [`PrepareError::CellRange`] if a cell's index does not fit 32 bits, [`PrepareError::TooManyPoints`] if the points
-    /// cannot be counted in as many.
+    /// cannot be counted in as many, [`PrepareError::TooManyKeypoints`] above [`MOST_KEYPOINTS`].
     ///
     /// # Panics
     /// If there are not as many colours as points: a programming error.
     pub fn new(cloud: &Cloud, leaf: f32) -> Result<Self, PrepareError> {
         let voxels = Voxels::new(&cloud.points, 1.0 / leaf)?;
         let sums = if voxels.are_few() { voxels.sums_by_table(cloud) } else { voxels.sums_by_sorting(cloud) };
+        if sums.len() > MOST_KEYPOINTS {
+            return Err(PrepareError::TooManyKeypoints { most: MOST_KEYPOINTS, keypoints: sums.len(), leaf });
+        }
         Ok(Self {
             points: sums.iter().map(Sums::centroid).collect(),
             colours: cloud.colours.as_ref().map(|_| sums.iter().map(Sums::mean_colour).collect()),

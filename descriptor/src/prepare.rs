@@ -54,6 +54,47 @@ pub(crate) fn check_regions(
     Err(PrepareError::TooManyPairs { most: MOST_REGION_PAIRS, pairs, keypoints })
 }
 
+/// Neighbours of all keypoints together above which descriptors that count every neighbour refuse a cloud: some seconds,
+/// and a gigabyte where they are kept. A cloud of a depth camera, 100 000 points 2 mm apart, has a hundredth in regions of
+/// 5 cm.
+pub(crate) const MOST_NEIGHBOURS: u64 = 1 << 28;
+
+/// Tests of a block of points against a keypoint above which a cloud is refused: half a minute.
+const MOST_BLOCK_TESTS: u64 = 1 << 34;
+
+/// The neighbours of all keypoints, counted as they are found.
+pub(crate) struct NeighbourCount {
+    found: u64,
+    points: usize,
+    keypoints: usize,
+}
+
+impl NeighbourCount {
+    /// Of so many points in blocks, each of which is tested against each keypoint.
+    ///
+    /// # Errors
+    /// [`PrepareError::TooManyNeighbours`] if the tests alone would take too long.
+    pub(crate) fn new(points: usize, blocks: usize, keypoints: usize) -> Result<Self, PrepareError> {
+        let count = Self { found: 0, points, keypoints };
+        let tests = (blocks as u64).saturating_mul(keypoints as u64);
+        if tests > MOST_BLOCK_TESTS { Err(count.too_many()) } else { Ok(count) }
+    }
+
+    /// Adds those of one keypoint.
+    ///
+    /// # Errors
+    /// [`PrepareError::TooManyNeighbours`].
+    pub(crate) fn add(&mut self, neighbours: usize) -> Result<(), PrepareError> {
+        self.found += neighbours as u64;
+        if self.found > MOST_NEIGHBOURS { Err(self.too_many()) } else { Ok(()) }
+    }
+
+    fn too_many(&self) -> PrepareError {
+        let Self { points, keypoints, .. } = *self;
+        PrepareError::TooManyNeighbours { most: MOST_NEIGHBOURS, points, keypoints }
+    }
+}
+
 /// Refuses points whose neighbours within `radius` metres would take too long to find, by counting alone.
 fn check_density(points: &[[f32; 3]], radius: f64) -> Result<(), PrepareError> {
     // All in one cell would be as many: of most clouds nothing is to be counted.
@@ -153,6 +194,7 @@ mod tests {
     use super::*;
     use crate::disk_ring::QuantisedCloud;
     use crate::fixed::OrientedCloud;
+    use crate::keypoints::MOST_KEYPOINTS;
     use crate::random::stream;
     use crate::structure::StructureCloud;
     use crate::testing::in_cube;
@@ -234,6 +276,33 @@ mod tests {
         assert_eq!(StructureCloud::new(&alike, &preprocess).err(), Some(expected));
         // As many points as make no more pairs wherever they are.
         assert_eq!(usable(&cloud(vec![[0.1, 0.2, 1.0]; 65_536]), &preprocess), Ok(()));
+    }
+
+    #[test]
+    fn neighbours_are_counted_until_they_are_too_many() {
+        let mut count = NeighbourCount::new(100_000, 1_563, 1_000).unwrap();
+        assert_eq!(count.add(MOST_NEIGHBOURS as usize), Ok(()));
+        let expected =
+            PrepareError::TooManyNeighbours { most: MOST_NEIGHBOURS, points: 100_000, keypoints: 1_000 };
+        assert_eq!(count.add(1), Err(expected));
+        // Blocks and keypoints of which each pair is looked at.
+        assert!(NeighbourCount::new(64 << 16, 1 << 16, 1 << 18).is_ok());
+        let tests = NeighbourCount::new(64 << 17, 1 << 17, 1 << 18).err();
+        assert!(matches!(tests, Some(PrepareError::TooManyNeighbours { .. })));
+        assert!(NeighbourCount::new(usize::MAX, usize::MAX, 2).is_err());
+    }
+
+    #[test]
+    fn a_cloud_with_too_many_keypoints_is_refused() {
+        // A keypoint a point: a line of points, each in a voxel of its own.
+        let line = |points: usize| cloud((0..points).map(|place| [0.0, 0.0, place as f32 * 0.025]).collect());
+        let preprocess = Preprocess { leaf_um: 20_000, ..Preprocess::default() };
+        let (most, leaf) = (MOST_KEYPOINTS, preprocess.leaf());
+        let refused = keypoints(&line(MOST_KEYPOINTS + 1), &preprocess);
+        let keypoints_there = MOST_KEYPOINTS + 1;
+        let expected = PrepareError::TooManyKeypoints { most, keypoints: keypoints_there, leaf };
+        assert_eq!(refused, Err(expected));
+        assert_eq!(keypoints(&line(MOST_KEYPOINTS), &preprocess).map(|found| found.len()), Ok(most));
     }
 
     #[test]

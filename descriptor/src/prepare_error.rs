@@ -42,6 +42,16 @@ pub enum PrepareError {
         "cloud: at most {most} pairs of points in all regions expected, got {pairs} in those of {keypoints} keypoints\nthin it out, choose a smaller radius, or a descriptor that samples pairs"
     )]
     TooManyPairs { most: u64, pairs: u64, keypoints: usize },
+    /// Describing all keypoints would take gigabytes.
+    #[error(
+        "cloud: at most {most} keypoints expected, got {keypoints} with a grid of {leaf} m\ncut out the object, or choose a larger leaf or grid"
+    )]
+    TooManyKeypoints { most: usize, keypoints: usize, leaf: f32 },
+    /// Looking for the neighbours of all keypoints, or counting them, would take minutes.
+    #[error(
+        "cloud: at most {most} neighbours of all keypoints expected, got more of {points} points about {keypoints} keypoints\nthin it out, or choose smaller radii or a larger leaf"
+    )]
+    TooManyNeighbours { most: u64, points: usize, keypoints: usize },
     /// Points cannot be counted in 32 bits.
     #[error("cloud: more than 4294967295 points, got {points}\nsplit the cloud")]
     TooManyPoints { points: usize },

@@ -118,7 +118,9 @@ fn inspect_one(
         Ok(()) => State::Usable,
         Err(PrepareError::Skip(skip)) => State::Skipped(skip),
         Err(PrepareError::NoColours) => State::NoColour,
-        Err(error @ PrepareError::TooDense { .. }) => State::TooDense(Message::of(&error).what),
+        Err(error @ (PrepareError::TooDense { .. } | PrepareError::TooManyKeypoints { .. })) => {
+            State::TooDense(Message::of(&error).what)
+        }
         Err(error) => State::Unreadable(Message::of(&error).what),
     };
     let spacing = match measured.spacing {

@@ -14,7 +14,8 @@ impl QuantisedCloud {
     /// The stage `describe`, for a cloud in metres.
     ///
     /// # Errors
-    /// [`PrepareError::NoColours`] if the quantiser has colour and the cloud has not.
+    /// [`PrepareError::NoColours`] if the quantiser has colour and the cloud has not,
+    /// [`PrepareError::TooManyNeighbours`] if it would take too long.
     pub fn describe(
         cloud: &Cloud,
         keypoints: &Keypoints,
@@ -41,10 +42,12 @@ impl QuantisedCloud {
             within: Vec::new(),
             digest: quantiser.digest(),
         };
+        let mut count = field.count(keypoints.len())?;
         let (mut near, mut list) = (Near::new(&field, quantiser), Neighbours::default());
         for (&keypoint, normal) in keypoints.points.iter().zip(&normals.keypoints) {
             let Some(axis) = *normal else { continue };
             field.find(keypoint, axis, quantiser, &mut near);
+            count.add(near.found())?;
             list.append(&field, &near, &mut prepared, quantiser);
         }
         prepared.angles.shrink_to_fit();

@@ -20,7 +20,7 @@ impl Binning {
     /// Faster if the quantiser is that of a single descriptor.
     ///
     /// # Errors
-    /// [`PrepareError::NoColours`] if the quantiser has colour and the cloud has not.
+    /// As [`QuantisedCloud::describe`].
     pub(crate) fn signature_of(
         &self,
         cloud: &Cloud,
@@ -38,11 +38,13 @@ impl Binning {
         let [mut shapes, mut colours] = [shape_bins, colour_bins].map(|bins| vec![0.0; described * 2 * bins]);
         let mut shape_counter = Counter::new(&self.shape, None);
         let mut colour_counter = Counter::new(&self.colour, field.colour_records.listed());
+        let mut count = field.count(keypoints.len())?;
         let mut near = Near::new(&field, quantiser);
         let [mut angle_codes, mut colour_codes] = [Vec::new(), Vec::new()];
         let axes = keypoints.points.iter().zip(&normals.keypoints);
         for (row, (keypoint, axis)) in axes.filter_map(|(&point, axis)| Some((point, (*axis)?))).enumerate() {
             field.find(keypoint, axis, quantiser, &mut near);
+            count.add(near.found())?;
             for (shell, list) in near.lists.iter().enumerate() {
                 let region = 2 * row + shell;
                 field.codes(&near, list, quantiser, [&mut angle_codes, &mut colour_codes]);

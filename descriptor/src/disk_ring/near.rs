@@ -5,7 +5,7 @@ use pulp::{NullaryFnOnce, Simd, WithSimd};
 use crate::Cloud;
 use crate::disk_ring::quantise::Quantiser;
 use crate::disk_ring::records::Records;
-use crate::prepare::Normals;
+use crate::prepare::{NeighbourCount, Normals};
 use crate::prepare_error::PrepareError;
 use crate::select::{BELOW_ALL, select};
 use crate::surface::{BLOCK, Surface, block, block_mut};
@@ -58,6 +58,14 @@ impl Field {
             colours.resize(colours.len().next_multiple_of(BLOCK), 0);
         }
         Ok(Self { surface, colour_records, colours })
+    }
+
+    /// A count of what is found about so many keypoints.
+    ///
+    /// # Errors
+    /// [`PrepareError::TooManyNeighbours`] if looking would take too long.
+    pub(super) fn count(&self, keypoints: usize) -> Result<NeighbourCount, PrepareError> {
+        NeighbourCount::new(self.surface.indices.len(), self.surface.blocks(), keypoints)
     }
 
     /// Finds the points within reach of a keypoint with this normal.
@@ -171,6 +179,11 @@ impl List {
 }
 
 impl Near {
+    /// How many points were found.
+    pub(super) fn found(&self) -> usize {
+        self.lists.iter().map(|list| list.count).sum()
+    }
+
     /// Room for the points of a field by the shells of a quantiser.
     pub(super) fn new(field: &Field, quantiser: &Quantiser) -> Self {
         let is_mixed = quantiser.radii() > FEW_SHELLS;

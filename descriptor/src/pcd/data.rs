@@ -188,6 +188,9 @@ fn read_compressed(header: &Header, data: &[u8]) -> Result<Cloud, PcdError> {
     if expected != u64::from(uncompressed) {
         return Err(PcdError::UncompressedSize { expected, got: uncompressed });
     }
+    if uncompressed > MOST_UNCOMPRESSED {
+        return Err(PcdError::TooLarge { most: MOST_UNCOMPRESSED, got: uncompressed });
+    }
     let limit = max_expansion(compressed);
     if u64::from(uncompressed) > limit {
         return Err(PcdError::Expansion { limit, compressed, got: uncompressed });
@@ -208,6 +211,9 @@ fn read_compressed(header: &Header, data: &[u8]) -> Result<Cloud, PcdError> {
     // All values of a field together, one field after the other.
     gather(header, &plain, points, |byte, size| Column { start: byte * points, stride: size })
 }
+
+/// Most bytes that compressed data may become: 3 MB can claim as many, and each thread reads a file of its own.
+const MOST_UNCOMPRESSED: u32 = 256 << 20;
 
 /// The most bytes that LZF can make of `compressed`: the longest copy is 264 bytes, coded in three.
 fn max_expansion(compressed: u32) -> u64 {

@@ -239,6 +239,17 @@ pub enum PcdError {
         got: u32,
     },
 
+    /// More than a file that is not compressed could have.
+    #[error(
+        "pcd data: at most {most} uncompressed bytes expected, got {got}\ncut out the object, or thin the cloud"
+    )]
+    TooLarge {
+        /// The most.
+        most: u32,
+        /// Size stated before the data.
+        got: u32,
+    },
+
     /// An uncompressed size that LZF cannot reach.
     #[error(
         "pcd data: at most {limit} bytes from {compressed} compressed ones expected, got {got}\n\

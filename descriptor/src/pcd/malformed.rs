@@ -281,8 +281,8 @@ fn compressed_data_that_does_not_fit_the_header() {
     check(
         &with_sizes(&many, 4, 4294967280, &[0; 4]),
         expect![[r#"
-            pcd data: at most 352 bytes from 4 compressed ones expected, got 4294967280
-            the file is damaged: copy or write it again"#]],
+            pcd data: at most 268435456 uncompressed bytes expected, got 4294967280
+            cut out the object, or thin the cloud"#]],
     );
     let damaged = expect![[r#"
         pcd data: 32 bytes of LZF data expected, got damaged ones

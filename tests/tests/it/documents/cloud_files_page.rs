@@ -59,8 +59,13 @@ fn compressed(header: &str, sizes: [u32; 2], data: &[u8]) -> Vec<u8> {
     with_data(header, "binary_compressed", &[&sizes.map(u32::to_le_bytes).concat(), data].concat())
 }
 
+/// Points of 16 bytes, one more than 256 MiB hold.
+const HUGE: u32 = (256 << 20) / 16 + 1;
+
 fn pcd_files() -> Vec<Refused> {
     let many = PCD.replace("WIDTH 2", "WIDTH 2000").replace("POINTS 2", "POINTS 2000");
+    let [width, points] = ["WIDTH", "POINTS"].map(|key| (format!("{key} 2"), format!("{key} {HUGE}")));
+    let huge = PCD.replace(&width.0, &width.1).replace(&points.0, &points.1);
     let two = PCD.replace("rgb", "rgb rgba").replace("4 4\n", "4 4 4\n").replace("U\n", "U U\n");
     let separate = PCD
         .replace("rgb", "r g b")
@@ -94,6 +99,7 @@ fn pcd_files() -> Vec<Refused> {
         ("compressed data without its sizes", with_data(PCD, "binary_compressed", &[0; 7])),
         ("compressed data that is cut off", compressed(PCD, [5, 32], &[0; 4])),
         ("compressed data of another size", compressed(PCD, [4, 33], &[0; 4])),
+        ("compressed data of a cloud that is too large", compressed(&huge, [4, 16 * HUGE], &[0; 4])),
         ("a size that cannot be", compressed(&many, [4, 32_000], &[0; 4])),
         ("compressed data that is damaged", compressed(PCD, [6, 32], &[0, 7, 0, 7, 0, 7])),
     ]);
