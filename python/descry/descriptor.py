@@ -26,7 +26,8 @@ else:
 class Signature(_Floats):
     """What a cloud is described by: float32 of shape (values,), channel after channel the centroid, then the deviation.
 
-    ``channels`` has the two views of each channel; a deviation is empty in a channel of one row a cloud.
+    ``channels`` has the two views of each channel; a deviation is empty in a channel of one row a cloud. Parts and
+    reordered signatures have none.
     """
 
     lengths: Tuple[Tuple[int, int], ...]
@@ -34,10 +35,24 @@ class Signature(_Floats):
     def __array_finalize__(self, source: Any) -> None:
         self.lengths = getattr(source, "lengths", ())
 
+    def __getitem__(self, key: Any) -> Any:
+        part = super().__getitem__(key)
+        if isinstance(part, Signature):
+            part.lengths = ()
+        return part
+
+    def __reduce__(self) -> Any:
+        function, arguments, state = super().__reduce__()  # type: ignore[misc]
+        return function, arguments, (state, self.lengths)
+
+    def __setstate__(self, state: Any) -> None:
+        values, self.lengths = state
+        super().__setstate__(values)
+
     @property
     def channels(self) -> List[Tuple[NDArray[np.float32], NDArray[np.float32]]]:
         """Centroid and deviation of each channel."""
-        if sum(map(sum, self.lengths)) != self.size:
+        if not self.lengths or sum(map(sum, self.lengths)) != self.size:
             raise Error("channels: must be asked of a whole signature, got a part", "ask before slicing")
         channels, at, values = [], 0, self.view(np.ndarray)
         for centroid, deviation in self.lengths:

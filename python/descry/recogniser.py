@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import os
 from typing import Any, Iterable, List, Literal, NamedTuple, Optional, Sequence, Tuple, Union, overload
 
@@ -10,6 +11,10 @@ from numpy.typing import ArrayLike
 from .arrays import CloudLike, checked, checked_cloud
 from .errors import Error
 from .native import NativeRecogniser
+
+
+#: More than any artefact has objects.
+_MOST = 1 << 30
 
 
 class Named(NamedTuple):
@@ -53,8 +58,9 @@ class Recogniser:
         viewpoint: Sequence[float] = (0.0, 0.0, 0.0),
         top: int = 2,
     ) -> Answer:
-        """The object in a cloud; arrays as for ``describe``. ``top`` is how many objects are ranked."""
-        return _answer(self._native.recognise(checked(xyz, rgb, viewpoint), max(int(top), 2)))
+        """The object in a cloud; arrays as for ``describe``. ``top`` is how many objects are ranked, at least 1."""
+        most = _checked_top(top)
+        return _answer(self._native.recognise(checked(xyz, rgb, viewpoint), max(most, 2)), most)
 
     @overload
     def recognise_many(
@@ -80,21 +86,33 @@ class Recogniser:
         """
         if errors not in ("raise", "return"):
             raise Error(f'errors: must be "raise" or "return", got {errors!r}', "choose one of them")
+        most = _checked_top(top)
         arrays = [checked_cloud(cloud) for cloud in clouds]
         answers: List[Union[Answer, Error]] = []
-        for answer, error in self._native.recognise_many(arrays, max(int(top), 2)):
+        for answer, error in self._native.recognise_many(arrays, max(most, 2)):
             if error is not None and errors == "raise":
                 raise error
-            answers.append(_answer(answer) if error is None else error)
+            answers.append(_answer(answer, most) if error is None else error)
         return answers
 
     def __repr__(self) -> str:
         return f"Recogniser({self.artefact!r})"
 
 
-def _answer(native: Any) -> Answer:
+def _checked_top(top: int) -> int:
+    try:
+        most = operator.index(top)
+    except TypeError:
+        most = 0
+    if most < 1:
+        raise Error(f"top: must be a whole number from 1, got {top!r}", "give how many objects to rank")
+    return min(most, _MOST)
+
+
+def _answer(native: Any, most: int) -> Answer:
+    # The next object is there for the margin, whether or not it is asked for.
     named, unknown, known = native
     ranking = tuple(Named(*one) for one in named)
     first = ranking[0]
     margin = ranking[1].distance - first.distance if len(ranking) > 1 else None
-    return Answer(*first, margin, unknown, known, ranking)
+    return Answer(*first, margin, unknown, known, ranking[:most])

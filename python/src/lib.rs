@@ -4,16 +4,19 @@
 //! `descry.Error`.
 
 mod error;
+mod pool;
 
 use std::path::PathBuf;
 
 use artefact::{Answer, CloudError, Seconds};
+use descriptor::spacing::check_unit;
 use descriptor::{Cloud, Describer, Descriptor, Preprocess, Signature, cloud_file};
 use numpy::{IntoPyArray as _, PyArray1, PyArray2, PyArrayMethods as _, PyReadonlyArray2};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 
 use error::raised;
+use pool::pool;
 
 /// Points, colours and the position of the camera.
 type Arrays<'py> = (PyReadonlyArray2<'py, f32>, Option<PyReadonlyArray2<'py, u8>>, [f32; 3]);
@@ -76,6 +79,7 @@ impl Form {
                     colour: cloud.colours.is_some() || descriptor.needs_colour(),
                     ..Preprocess::default()
                 };
+                check_unit(cloud, &preprocess).map_err(|wrong| format!("{wrong}\ngive lengths in metres"))?;
                 artefact::stages(cloud, &preprocess, describer, seconds).map_err(|error| {
                     format!("{error}\nshow more of the object, and give lengths in metres")
                 })?
@@ -90,7 +94,8 @@ impl NativeDescriber {
     /// That of an artefact.
     #[staticmethod]
     fn artefact(py: Python<'_>, folder: PathBuf) -> PyResult<Self> {
-        let opened = py.detach(|| artefact::Recogniser::open(&folder));
+        let pool = pool(py)?;
+        let opened = py.detach(|| pool.install(|| artefact::Recogniser::open(&folder)));
         Ok(Self { form: Form::Artefact(Box::new(opened.map_err(raised)?)) })
     }
 
@@ -118,8 +123,10 @@ impl NativeDescriber {
     ) -> PyResult<Vec<Bound<'py, PyArray1<f32>>>> {
         let clouds = arrays.iter().map(cloud_of).collect::<PyResult<Vec<Cloud>>>()?;
         drop(arrays);
+        let pool = pool(py)?;
+        let describe = |cloud: &Cloud| Ok(joined(&self.form.describe(cloud)?));
         let described: Vec<Result<Vec<f32>, String>> =
-            py.detach(|| clouds.par_iter().map(|cloud| Ok(joined(&self.form.describe(cloud)?))).collect());
+            py.detach(|| pool.install(|| clouds.par_iter().map(describe).collect()));
         let place = |(index, one): (usize, Result<Vec<f32>, String>)| {
             one.map_err(|error| raised(format!("cloud {index}: {error}")))
         };
@@ -155,8 +162,9 @@ fn owned(answer: &Answer<'_>) -> Answered {
 impl NativeRecogniser {
     #[new]
     fn open(py: Python<'_>, folder: PathBuf) -> PyResult<Self> {
-        let recogniser = py.detach(|| artefact::Recogniser::open(&folder)).map_err(raised)?;
-        Ok(Self { recogniser })
+        let pool = pool(py)?;
+        let opened = py.detach(|| pool.install(|| artefact::Recogniser::open(&folder)));
+        Ok(Self { recogniser: opened.map_err(raised)? })
     }
 
     /// The nearest `most` objects.
@@ -174,8 +182,10 @@ impl NativeRecogniser {
     ) -> PyResult<Vec<AnsweredOrNot>> {
         let clouds = arrays.iter().map(cloud_of).collect::<PyResult<Vec<Cloud>>>()?;
         drop(arrays);
+        let pool = pool(py)?;
+        let answer = |cloud: &Cloud| self.answer(cloud, most);
         let answers: Vec<Result<Answered, CloudError>> =
-            py.detach(|| clouds.par_iter().map(|cloud| self.answer(cloud, most)).collect());
+            py.detach(|| pool.install(|| clouds.par_iter().map(answer).collect()));
         let given = |(index, answer): (usize, Result<Answered, CloudError>)| match answer {
             Ok(answer) => (Some(answer), None),
             Err(error) => {

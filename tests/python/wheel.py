@@ -9,12 +9,15 @@ wheel_notebook.py.
 
 import json
 import os
+import pickle
 import re
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -161,7 +164,14 @@ def described(descry, clouds):
     assert signature.dtype == np.float32 and signature.shape == (sum(map(len, parts)),)
     assert signature.tobytes() == np.concatenate(parts).tobytes()
     assert [part.tobytes() for pair in signature.channels for part in pair] == [part.tobytes() for part in parts]
+    copied = pickle.loads(pickle.dumps(signature))
+    assert copied.tobytes() == signature.tobytes() and copied.lengths == signature.lengths
+    assert len(signature.copy().channels) == len(copied.channels) == 2
+    for part in (signature[:5], signature[::-1], signature[np.argsort(signature)]):
+        refused(descry.Error, lambda: part.channels, "channels: must be asked of a whole signature, got a part")
     file = Path("experiments/descriptors/pfhrgb.toml")
+    refused(descry.Error, lambda: descry.describe(1000 * example[0], example[1], file), "as if mm were read as m", "metres")
+    refused(descry.Error, lambda: descry.describe(1000 * example[0], example[1], "objects"), "as if mm were read as m")
     by_path, by_text = (descry.describe(*example[:2], of) for of in (file, file.read_text()))
     assert by_path.tobytes() == by_text.tobytes() and len(by_path.channels) == 2
     refused(descry.Error, lambda: descry.describe(example[0], None, file), "colour")
@@ -188,6 +198,42 @@ def pipeline(descry, clouds, labels):
     assert right.mean() > 0.5, right.mean()
 
 
+def unaligned(values):
+    """The same at an odd address, as a part of a message is."""
+    import numpy as np
+
+    held = np.frombuffer(b"\0" + values.tobytes(), np.uint8)[1:]
+    part = held.view(values.dtype).reshape(values.shape)
+    assert values.itemsize == 1 or not part.flags.aligned
+    return part
+
+
+def forked(recogniser, clouds, answers):
+    """A child has no thread of its parent's, and is answered all the same."""
+    assert recogniser.recognise_many(clouds, top=3) == answers
+    child = os.fork()
+    if child == 0:
+        same = False
+        try:
+            import descry
+
+            same = recogniser.recognise_many(clouds, top=3) == answers
+            same = same and descry.Recogniser("objects").recognise(*clouds[0], top=3) == answers[0]
+        finally:
+            os._exit(0 if same else 1)
+    end = time.monotonic() + 120
+    while True:
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended:
+            break
+        if time.monotonic() > end:
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+            raise AssertionError("a forked child was not answered within two minutes")
+        time.sleep(0.01)
+    assert status == 0, status
+
+
 def arrays(descry, recogniser, cloud):
     import numpy as np
 
@@ -198,6 +244,7 @@ def arrays(descry, recogniser, cloud):
         (np.asfortranarray(xyz), np.asfortranarray(rgb)),
         (np.repeat(xyz, 2, 0)[::2], np.repeat(rgb, 2, 0)[::2]),
         (xyz.tolist(), rgb),
+        (unaligned(xyz), unaligned(rgb)),
     ]
     for points, colours in same:
         assert recogniser.recognise(points, colours, viewpoint) == answer
@@ -215,7 +262,13 @@ def arrays(descry, recogniser, cloud):
         (lambda: recogniser.recognise(np.full_like(xyz, np.nan), rgb), "points"),
         (lambda: recogniser.recognise_many([cloud, (xyz[:3], rgb[:3])]), "cloud 1: "),
         (lambda: descry.Recogniser("nowhere"), "nowhere"),
+        (lambda: recogniser.recognise([[1, 2, 3], [4, 5]], rgb), "xyz: must be an array, got "),
+        (lambda: recogniser.recognise_many([(*cloud, 1)]), "cloud: must be xyz, (xyz, rgb) or (xyz, rgb, viewpoint), got 4"),
+        (lambda: recogniser.recognise(*cloud, top=0), "top: must be a whole number from 1, got 0"),
+        (lambda: recogniser.recognise_many([cloud], top="all"), "top: must be a whole number from 1, got 'all'"),
     ]
+    one = recogniser.recognise(xyz, rgb, viewpoint, top=1)
+    assert len(one.ranking) == 1 and one.margin == answer.margin and one.ranking == answer.ranking[:1]
     for call, what in short:
         assert refused(descry.Error, call, what).advice, what
     first, second = recogniser.recognise_many([cloud, (xyz[:3], rgb[:3])], errors="return")
@@ -316,6 +369,7 @@ def inside(coordinator):
     pipeline(descry, clouds, [path.parent.name for path in paths])
     arrays(descry, recogniser, clouds[0])
     threads(recogniser, clouds, answers)
+    forked(recogniser, clouds[:20], answers[:20])
     memory(recogniser, clouds)
     tables(coordinator, descry)
     pages(clouds[0])

@@ -53,6 +53,11 @@ private:
             RCLCPP_WARN_THROTTLE(get_logger(), *get_clock(), 5000, "cloud: no fields x, y and z");
             return;
         }
+        // The iterators go from point to point as if rows had no padding behind them.
+        if (cloud.height > 1 && cloud.row_step != cloud.point_step * cloud.width) {
+            RCLCPP_WARN_THROTTLE(get_logger(), *get_clock(), 5000, "cloud: rows must have no padding");
+            return;
+        }
         const std::size_t points = static_cast<std::size_t>(cloud.width) * cloud.height;
         std::vector<float> xyz;
         xyz.reserve(3 * points);
