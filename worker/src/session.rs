@@ -426,18 +426,38 @@ fn failed(status: Status) -> End {
 fn reason(status: &Status) -> String {
     let innermost = proto::root_cause(status);
     if std::ptr::eq(innermost, status as &dyn std::error::Error) {
-        return proto::printable(status.message()).into_owned();
+        return on_one_line(status.message());
     }
     // rustls is wordy about a coordinator that was killed and so did not close the connection.
     let ended = |error: &io::Error| error.kind() == io::ErrorKind::UnexpectedEof;
     if innermost.downcast_ref().is_some_and(ended) {
         return "the connection was closed".to_owned();
     }
-    proto::printable(&innermost.to_string()).into_owned()
+    on_one_line(&innermost.to_string())
+}
+
+/// A message with its advice behind it.
+fn on_one_line(text: &str) -> String {
+    text.lines().map(proto::printable).collect::<Vec<_>>().join("; ")
 }
 
 fn panic_message(error: tokio::task::JoinError) -> String {
     let Ok(panic) = error.try_into_panic() else { return "the task was cancelled".to_owned() };
     let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
     text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "no message".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reason_is_one_line_with_its_advice() {
+        let told = |text: &str| reason(&Status::unavailable(text));
+        assert_eq!(
+            told("join: no such file, got tls/join\ncopy it again"),
+            "join: no such file, got tls/join; copy it again"
+        );
+        assert_eq!(told("\u{202e}one\rline"), "\\u{202e}one\\rline");
+    }
 }
