@@ -261,7 +261,7 @@ def preempted(coordinator, slurm, folder, expected):
 
 
 def node_down(coordinator, slurm, folder, expected):
-    """A node goes; its workers are queued again and find a place when it is back."""
+    """A node goes; its workers are queued again and get an allocation when it is back."""
     run = Run(coordinator, slurm, folder, "node-down")
     workers = slurm.submit(join_command(coordinator, folder, "--workers", "4"))
     run.wait_for("generation 3/")
@@ -416,7 +416,7 @@ def time_limits(coordinator, slurm, folder, expected):
 
 
 def interrupted(coordinator, slurm, folder):
-    """After Ctrl-C no worker waits for a place, and the others can be ended by the command that is named."""
+    """After Ctrl-C no worker waits for an allocation, and the others can be ended by the command that is named."""
     own = ["0.0.0.0:0", "--join-file", folder / "interrupted-join", "--slurm-workers", "12", "--slurm-threads", "1"]
     run = Run(coordinator, slurm, folder, "interrupted", *own, experiment="long.toml")
     run.wait_for("generation 2/")
@@ -425,8 +425,8 @@ def interrupted(coordinator, slurm, folder):
     run.process.communicate(timeout=PATIENCE)
     check("exit code after Ctrl-C", run.process.returncode, 130)
     if not waiting_for_places:
-        raise SystemExit("interrupted: must have workers that wait for a place, got none")
-    wait_for("nobody who waits for a place", lambda: not slurm("squeue", "-h", "--states=PENDING").strip())
+        raise SystemExit("interrupted: must have workers that wait for an allocation, got none")
+    wait_for("nobody who waits for an allocation", lambda: not slurm("squeue", "-h", "--states=PENDING").strip())
     command = run.log.read_text().rsplit("at once by ", 1)[1].split()
     slurm(*command)
     wait_for("an empty queue", lambda: not slurm.queue())
@@ -445,7 +445,7 @@ def cancelled(coordinator, slurm, folder):
 
 
 def without_coordinator(coordinator, slurm, folder):
-    """A worker that finds nobody gives its place back."""
+    """A worker that finds nobody gives its allocation back."""
     alone = slurm.submit(join_command(coordinator, folder, "--workers", "1"))
     wait_for("an idle worker's end", lambda: slurm.states(alone) == ["COMPLETED"])
     check("idle worker", slurm.states(alone), ["COMPLETED"])

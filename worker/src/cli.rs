@@ -54,7 +54,7 @@ impl fmt::Debug for Address {
 #[derive(Debug, Parser)]
 #[command(name = "worker", version, about, long_about)]
 struct Cli {
-    /// Address of the coordinator, for example http://192.0.2.7:7700; one with a token belongs into the environment or
+    /// Address of the coordinator, for example http://192.0.2.7:7700; one with a token belongs in the environment or
     /// a file, because every user of a machine can read the arguments of its programs
     #[arg(long, env = "DESCRY_COORDINATOR", hide_env_values = true, value_name = "URL")]
     coordinator: Option<Address>,

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::time::{Duration, Instant};
 
-/// What a worker may use of the time for which it is given its place.
+/// What a worker may use of the time for which it has its allocation.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LifetimeLimits {
     /// From its start to the moment at which it has left; `None`: no end.

@@ -13,8 +13,8 @@ use crate::dashboard::{DEFAULT_ADDRESS, Dashboard as Server};
 /// Show runs in a browser, finished, running and dead ones alike: their progress, their descriptors, and the clouds that
 /// they get wrong, in 3D
 ///
-/// Reads run folders and needs no coordinator at work. On this machine nobody has to show anything; from other machines
-/// it takes --tls and a token.
+/// Reads run folders and needs no coordinator at work. At a loopback address, the default, no browser needs a token,
+/// even with --tls. Any other address needs --tls, and then every browser a token, or --insecure, and then none does.
 ///
 /// Example: coordinator dashboard results
 #[derive(Debug, Args)]
@@ -26,8 +26,13 @@ pub struct Dashboard {
     /// Where it is served, for example 0.0.0.0:7780 (other machines) or 127.0.0.1:0 (any free port)
     #[arg(long, value_name = "ADDR", default_value_t = DEFAULT_ADDRESS)]
     listen: SocketAddr,
-    #[command(flatten)]
-    protection: Protection,
+    /// Folder of certificates, as `coordinator certs` makes it, for example tls: at an address that is not loopback,
+    /// connections are encrypted, and browsers need the token in its file dashboard-view or dashboard-control
+    #[arg(long, value_name = "DIR")]
+    tls: Option<PathBuf>,
+    /// Accept unencrypted connections from other machines, without a token, for example inside a trusted network
+    #[arg(long, conflicts_with = "tls")]
+    insecure: bool,
 }
 
 impl Dashboard {
@@ -42,10 +47,11 @@ impl Dashboard {
                 missing.display()
             );
         }
+        let protection = Protection { tls: self.tls, insecure: self.insecure };
         let runtime = super::runtime()?;
         runtime.block_on(async {
             let served = async {
-                let dashboard = Server::bind(folders, self.listen, &self.protection).await?;
+                let dashboard = Server::bind(folders, self.listen, &protection).await?;
                 for notice in dashboard.notices() {
                     say(&notice);
                 }

@@ -41,7 +41,7 @@ pub struct JoinCommand {
     /// Processors of each of them, for example 16
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1024))]
     threads: u32,
-    /// Minutes for which Slurm gives them their place, for example 240
+    /// Minutes of the allocation of each, for example 240
     #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u32).range(2..=MOST_MINUTES))]
     minutes: u32,
     /// The program `worker`, for example target/release/worker; by default the one beside this program
@@ -210,8 +210,8 @@ impl Parts {
         ))
     }
 
-    /// One line that asks Slurm for workers; each leaves before its time is over, gives its place back when there is nothing
-    /// to do, and is queued again when it is preempted.
+    /// One line that asks Slurm for workers; each leaves before its time is over, gives its allocation back when there is
+    /// nothing to do, and is queued again when it is preempted.
     fn over_slurm(&self, workers: u32, threads: u32, minutes: u32) -> anyhow::Result<String> {
         let option = match &self.join {
             Join::File(join) => format!("--coordinator-file {}", quoted_path(join)?),

@@ -12,8 +12,9 @@ pub(super) struct LayoutArgs {
     /// How folders and files name objects, for example uw (default: uw for split, folders for others)
     #[arg(long, value_name = "NAME", conflicts_with_all = ["manifest", "pattern"])]
     layout: Option<LayoutName>,
-    /// CSV or Parquet of path, category, instance and, if wanted, sequence, for clouds in no such folders, for example labels.csv
-    #[arg(long, value_name = "CSV", conflicts_with = "pattern")]
+    /// CSV or Parquet file with the columns path, category, instance and, if wanted, sequence, for clouds in no such
+    /// folders, for example labels.csv
+    #[arg(long, value_name = "FILE", conflicts_with = "pattern")]
     manifest: Option<PathBuf>,
     /// Paths of clouds below the folder, with names for parts of them, for example {category}_{instance}_{sequence}_{any}.pcd
     #[arg(long, value_name = "PATTERN")]

@@ -26,7 +26,8 @@ pub struct Recognise {
     /// The folder that coordinator export has made, for example objects
     #[arg(value_name = "ARTEFACT")]
     artefact: PathBuf,
-    /// Clouds, PCD or PLY, for example cloud.pcd; - is standard input
+    /// Clouds: PCD or PLY files, or for images NAME_crop.png or a mask of a BOP scene, for example cloud.pcd; - is one
+    /// PCD or PLY file on standard input
     #[arg(value_name = "CLOUD", required = true)]
     clouds: Vec<PathBuf>,
     /// List the nearest objects, too, for example 5

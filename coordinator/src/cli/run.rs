@@ -29,7 +29,8 @@ use crate::sweep;
 ///
 /// Exit codes: 0 finished; 1 bad input or another error; 2 usage; 3 no worker left within the grace; 4 a job failed for
 /// good; 5 the deadline was reached; 6 two workers differ and nobody else came to decide; 130 interrupted, or stopped by
-/// `coordinator control`; 143 terminated. After all of them the same command goes on.
+/// `coordinator control`; 143 terminated. After 3 to 6, 130 and 143, the same command goes on; after 1,
+/// once the cause is removed.
 ///
 /// Example: coordinator run experiments/demo.toml
 #[derive(Debug, Args)]

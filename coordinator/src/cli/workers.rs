@@ -48,7 +48,7 @@ struct SlurmArgs {
     #[arg(long, value_name = "N", requires = "slurm_workers", default_value_t = 8)]
     #[arg(value_parser = clap::value_parser!(u32).range(1..=1024))]
     slurm_threads: u32,
-    /// Minutes for which Slurm gives each its place, for example 240
+    /// Minutes of the allocation of each, for example 240
     #[arg(long, value_name = "N", requires = "slurm_workers", default_value_t = 60)]
     #[arg(value_parser = clap::value_parser!(u32).range(2..=MOST_MINUTES))]
     slurm_minutes: u32,

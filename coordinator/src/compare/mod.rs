@@ -191,7 +191,7 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
             scale(options.slurm.as_ref(), (experiment, folder), &session.cluster, display.console())?;
         session.start(listener, settings.local_workers).await;
         describing.complete(&session, &mut client, settings.deadline, &kept, &display).await?;
-        drop(scaling); // those that wait for a place would find nobody
+        drop(scaling); // those that wait for an allocation would find nobody
         if !options.another_follows {
             session.cluster.dismiss_workers().await;
         }

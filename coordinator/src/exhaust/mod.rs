@@ -116,7 +116,7 @@ pub async fn exhaust(
     if summary.is_sound() {
         keep(&spec, &summary.grid, &summary.out, &store)?;
     }
-    drop(scaling); // those that wait for a place would find nobody
+    drop(scaling); // those that wait for an allocation would find nobody
     session.cluster.dismiss_workers().await;
     Ok(summary)
 }

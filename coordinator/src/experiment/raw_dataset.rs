@@ -20,8 +20,8 @@ pub(super) struct RawDataset {
     /// How the labels of a cloud are found.
     #[serde(default)]
     pub layout: RawLayout,
-    /// CSV with the columns path (relative to root), category, instance and, if wanted, sequence and split; a relative
-    /// path is relative to root. Only for layout = "manifest".
+    /// CSV or Parquet file with the columns path (relative to root), category, instance and, if wanted, sequence, split
+    /// and set; a relative path is relative to root. Only for layout = "manifest".
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "String", example = &"clouds.csv")]
     pub manifest: Option<String>,

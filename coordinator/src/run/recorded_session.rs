@@ -179,7 +179,7 @@ impl<'a> RecordedSession<'a> {
 
     /// Lets the workers go, unless they are needed for what follows.
     pub async fn end(&self, Attached { scaling, .. }: Attached, dataset: &Dataset) {
-        drop(scaling); // those that wait for a place would find nobody
+        drop(scaling); // those that wait for an allocation would find nobody
         let is_compared = !dataset.splits.test.is_empty() && dataset.clouds.set_count() == 1;
         if !(self.options.comparison_follows && is_compared) {
             self.session.cluster.dismiss_workers().await;

@@ -42,7 +42,7 @@ pub struct SlurmWorkers {
     pub most: u32,
     /// Threads and processors of each.
     pub threads: u32,
-    /// How long each may keep its place, minutes.
+    /// How long each may keep its allocation, minutes.
     pub minutes: u32,
     /// More arguments of `sbatch`.
     pub arguments: Vec<String>,
@@ -52,8 +52,8 @@ pub struct SlurmWorkers {
     pub join_file: PathBuf,
 }
 
-/// Cancels workers that still wait for a place, as this process is about to end and nobody goes on with its run by itself;
-/// returns what becomes of the others, if there may be any.
+/// Cancels workers that still wait for an allocation, as this process is about to end and nobody goes on with its run by
+/// itself; returns what becomes of the others, if there may be any.
 pub fn interrupted() -> Option<String> {
     let name = lock(&ASKING).take()?;
     cancel_waiting(&name);
@@ -63,8 +63,8 @@ pub fn interrupted() -> Option<String> {
     ))
 }
 
-/// Asks Slurm for workers, from a thread of its own, until this is dropped; then those that still wait for a place are
-/// cancelled. Those at work end by themselves.
+/// Asks Slurm for workers, from a thread of its own, until this is dropped; then those that still wait for an allocation
+/// are cancelled. Those at work end by themselves.
 pub struct Scaling {
     stop: Option<Sender<()>>,
     thread: Option<JoinHandle<()>>,
@@ -97,7 +97,7 @@ impl Scaling {
             loop {
                 let now = cluster.metrics();
                 // Before somebody works there are no jobs: nobody knows yet how many workers there is work for, and the
-                // wait for a place may be long.
+                // wait for an allocation may be long.
                 supervisor.look(if now.counters.joined == 0 { u64::MAX } else { now.wanted_threads });
                 if stopped.recv_timeout(INTERVAL) != Err(RecvTimeoutError::Timeout) {
                     return cancel_waiting(&supervisor.queue.name);
@@ -227,11 +227,11 @@ impl Queue {
     }
 }
 
-/// Cancels jobs without a place: they would find nobody.
+/// Cancels jobs without an allocation: they would find nobody.
 fn cancel_waiting(name: &str) {
     let done = output(Command::new("scancel").args([&format!("--name={name}"), "--state=PENDING"]));
     if let Err(reason) = done.map_err(|error| error.to_string()).and_then(|done| said(&done)) {
-        tracing::warn!("Slurm: workers that wait for a place may be left, got {reason}");
+        tracing::warn!("Slurm: workers that wait for an allocation may be left, got {reason}");
     }
 }
 

@@ -5,16 +5,16 @@ use std::path::Path;
 
 use super::SlurmError;
 
-/// Minutes of a place that Slurm gives, at most: a year.
+/// Minutes of an allocation, at most: a year.
 pub const MOST_MINUTES: i64 = 366 * 24 * 60;
-/// Seconds before the end of its place by which a worker has left, and the least that it is given.
+/// Seconds before the end of its allocation by which a worker has left, and the least that it is given.
 const MARGIN_SECONDS: u32 = 60;
-/// Seconds without a job after which a worker gives its place back.
+/// Seconds without a job after which a worker gives its allocation back.
 pub const IDLE_SECONDS: u32 = 900;
 
-/// The line that starts a worker in its place, with all of its processors, which newer versions of `srun` do not take from
-/// the job. The worker leaves before its time is over, gives its place back when there is
-/// nothing to do, and is queued again when it is preempted. `coordinator` is the option that says where that is.
+/// The line that starts a worker in its allocation, with all of its processors, which newer versions of `srun` do not
+/// take from the job. The worker leaves before its time is over, gives its allocation back when there is nothing to do,
+/// and is queued again when it is preempted. `coordinator` is the option that says where that is.
 ///
 /// # Errors
 /// If the path of the program cannot stand in a command.

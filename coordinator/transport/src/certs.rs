@@ -56,7 +56,7 @@ pub enum CertsError {
     Tls(#[from] TlsFilesError),
     /// What is there is kept.
     #[error(
-        "{0}: is there already\nremove it first, or choose another name; a lost certificate belongs into the deny list"
+        "{0}: is there already\nremove it first, or choose another name; a lost certificate belongs in the deny list"
     )]
     Exists(PathBuf),
     /// A folder of something else.

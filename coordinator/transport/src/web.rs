@@ -83,7 +83,7 @@ pub enum WebError {
     },
 }
 
-/// What who looks, and who acts, has to show.
+/// What a viewer has to show, and who acts.
 #[derive(Clone, Debug)]
 pub struct WebTokens {
     /// Who shows it may look.

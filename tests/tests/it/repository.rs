@@ -222,7 +222,7 @@ fn crates_depend_only_downwards() {
                 assert_eq!(
                     keys.filter(|key| !free(key)).collect::<Vec<_>>(),
                     ["workspace"],
-                    "{name}: {dependency}: version and features belong into [workspace.dependencies]"
+                    "{name}: {dependency}: version and features belong in [workspace.dependencies]"
                 );
                 if crates.contains(dependency.as_str()) {
                     assert!(allowed.contains(&dependency.as_str()), "{name} must not depend on {dependency}");

@@ -118,7 +118,8 @@ fn ended(index: usize) -> String {
 /// A command as it is given on this machine.
 fn here(command: &str, port: &str) -> String {
     let command = command.replace("cargo run --release --bin coordinator --", "coordinator");
-    let command = command.replace("0.0.0.0:7780", "127.0.0.1:0"); // nobody has to reach a page's dashboard
+    // Nobody has to reach a page's dashboard or metrics, and another page may have their ports.
+    let command = command.replace("0.0.0.0:7780", "127.0.0.1:0").replace("0.0.0.0:7790", "0.0.0.0:0");
     command.replace(HOST.0, HOST.1).replace(&format!("0.0.0.0{PORT}"), &format!("127.0.0.1:{port}"))
 }
 
