@@ -66,8 +66,8 @@ record! {
             "keypoints, normals and histograms of a cloud, one thread: median of some test clouds; null if not measured";
         times as "": Option<Times>, "", "null if not measured";
         area: Option<f64>, "",
-            "mean precision over recall, all pairs: area between the curve and 1 - precision = 1; null if they are too many, and if none shows the same object";
-        nearest_area: Option<f64>, "", "the same of the curve of nearest clouds only";
+            "mean precision over recall, all pairs: area between the curve and 1 - precision = 1; null if they are too many, if none shows the same object, and of recognisers that learn";
+        nearest_area: Option<f64>, "", "the same of the curve of answers only: of the nearest clouds, or of the objects with the highest scores";
         bytes: Option<String>, "",
             "canonical bytes of the descriptor, hexadecimal: by them a later comparison has it again; null of foreign ones";
         file_digest: Option<String>, "", "BLAKE3 of the file that a foreign descriptor was given in, hexadecimal";

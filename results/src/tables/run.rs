@@ -206,10 +206,11 @@ record! {
         cloud: String, "", "the query's path below the data root";
         instance: String, "", "the query's object";
         category: String, "", "the query's category";
-        nearest_cloud: String, "", "path of the database cloud with the smallest set distance";
+        nearest_cloud: String, "",
+            "path of the database cloud with the smallest set distance; of a recogniser that learns, a cloud of the object with the highest score";
         predicted_instance: String, "", "object of the nearest cloud";
         predicted_category: String, "", "category of the nearest cloud";
-        distance: f64, "", "set distance to the nearest cloud";
+        distance: f64, "", "set distance to the nearest cloud; of a recogniser that learns, 1 - the score of the object";
         runner_up as "runner_up_": Option<RunnerUp>, "", "null if there is no such cloud";
         => correct_object: bool, "", "predicted_instance is instance"
             = |row, _| row.predicted_instance == row.instance;
@@ -222,8 +223,9 @@ record! {
     /// The nearest cloud of another object than the predicted one.
     #[derive(Clone, Debug, PartialEq)]
     pub struct RunnerUp {
-        cloud: String, "", "nearest cloud of another object than the predicted one";
-        distance: f64, "", "set distance to it";
+        cloud: String, "",
+            "nearest cloud of another object than the predicted one; of a recogniser that learns, one of the object with the next score";
+        distance: f64, "", "set distance to it, or 1 - the score of its object";
     }
 }
 
