@@ -32,6 +32,11 @@ pub enum SlurmError {
         "--slurm-workers: needs an address that other machines reach, got {0}\nadd --listen 0.0.0.0:0 and --tls DIR"
     )]
     Loopback(SocketAddr),
+    /// Nothing could ask Slurm while the run goes on.
+    #[error(
+        "--slurm-workers: needs a thread that asks for them, got {0}\nend other programs, or raise the limit of threads"
+    )]
+    Thread(io::Error),
     /// The folder of scripts and logs.
     #[error("{path}: cannot be used, got {source}\ncheck permissions and free space")]
     File {

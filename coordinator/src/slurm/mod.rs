@@ -1,23 +1,27 @@
 //! Workers as jobs of Slurm, asked for as long as there is work for them.
 
+mod command;
 mod error;
 mod scaler;
 mod worker_line;
 
 use std::ffi::OsString;
 use std::fs;
+use std::io;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
-use std::sync::mpsc::{self, RecvTimeoutError, Sender};
+use std::process::Output;
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use cluster::Cluster;
+use tokio::process::Command;
+use tokio::sync::oneshot;
 
 use crate::console::Console;
 use crate::lock::lock;
+use command::{PATIENCE, output, runtime, wait};
 pub use error::SlurmError;
 use scaler::{Decision, Scaler, SlurmJob};
 use worker_line::IDLE_SECONDS;
@@ -25,6 +29,8 @@ pub use worker_line::{MOST_MINUTES, quoted, quoted_path, worker_line};
 
 /// How often Slurm is asked what has become of its jobs.
 const INTERVAL: Duration = Duration::from_secs(15);
+/// How long the end of a run, or of this process, waits until those that wait for an allocation are cancelled.
+const CANCEL_PATIENCE: Duration = Duration::from_secs(10);
 /// In a run folder: the script of the workers and their logs.
 const FOLDER: &str = "slurm";
 /// The script of the workers.
@@ -52,21 +58,24 @@ pub struct SlurmWorkers {
     pub join_file: PathBuf,
 }
 
-/// Cancels workers that still wait for an allocation, as this process is about to end and nobody goes on with its run by
-/// itself; returns what becomes of the others, if there may be any.
+/// Cancels workers that still wait for an allocation, as this process is about to end and nobody goes on with its run by itself;
+/// returns what becomes of the others, if there may be any.
 pub fn interrupted() -> Option<String> {
     let name = lock(&ASKING).take()?;
-    cancel_waiting(&name);
+    let _ = wait(async {
+        cancel_waiting(&name).await;
+        Ok(())
+    }); // without a thread nobody can be told either
     let minutes = IDLE_SECONDS / 60;
     Some(format!(
         "Slurm: workers end when they have had no job for {minutes} min; at once by scancel --name={name}"
     ))
 }
 
-/// Asks Slurm for workers, from a thread of its own, until this is dropped; then those that still wait for an allocation
-/// are cancelled. Those at work end by themselves.
+/// Asks Slurm for workers, from a thread of its own, until this is dropped; then those that still wait for an allocation are
+/// cancelled. Those at work end by themselves.
 pub struct Scaling {
-    stop: Option<Sender<()>>,
+    stop: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -88,23 +97,31 @@ impl Scaling {
         }
         let queue = Queue::open(workers, out)?;
         queue.try_out()?;
-        *lock(&ASKING) = Some(queue.name.clone());
-        let (stop, stopped) = mpsc::channel::<()>();
+        let runtime = runtime().map_err(SlurmError::Thread)?;
+        let name = queue.name.clone();
+        *lock(&ASKING) = Some(name.clone());
+        let (stop, stopped) = oneshot::channel::<()>();
         let (cluster, console) = (Arc::clone(cluster), console.clone());
         let scaler = Scaler::new(workers.most, workers.threads);
-        let work = move || {
+        let supervised = async move {
             let mut supervisor = Supervisor { queue, scaler, console, complained: None };
             loop {
                 let now = cluster.metrics();
                 // Before somebody works there are no jobs: nobody knows yet how many workers there is work for, and the
                 // wait for an allocation may be long.
-                supervisor.look(if now.counters.joined == 0 { u64::MAX } else { now.wanted_threads });
-                if stopped.recv_timeout(INTERVAL) != Err(RecvTimeoutError::Timeout) {
-                    return cancel_waiting(&supervisor.queue.name);
-                }
+                supervisor.look(if now.counters.joined == 0 { u64::MAX } else { now.wanted_threads }).await;
+                tokio::time::sleep(INTERVAL).await;
             }
         };
-        Ok(Self { stop: Some(stop), thread: Some(std::thread::spawn(work)) })
+        let work = async move {
+            // A command that hangs is killed when the run ends.
+            tokio::select! {
+                _ = stopped => {}
+                () = supervised => {}
+            }
+            cancel_waiting(&name).await;
+        };
+        Ok(Self { stop: Some(stop), thread: Some(std::thread::spawn(move || runtime.block_on(work))) })
     }
 }
 
@@ -128,8 +145,8 @@ struct Supervisor {
 }
 
 impl Supervisor {
-    fn look(&mut self, wanted: u64) {
-        let jobs = match self.queue.jobs() {
+    async fn look(&mut self, wanted: u64) {
+        let jobs = match self.queue.jobs().await {
             Ok(jobs) => jobs,
             // Nobody knows how many workers there are: the run goes on with them, and no other is asked for.
             Err(reason) => {
@@ -143,7 +160,7 @@ impl Supervisor {
         self.complained = None;
         let mut decision = self.scaler.decide(wanted, &jobs, Instant::now());
         if let Decision::Ask(count) = decision {
-            match self.queue.submit(count) {
+            match self.queue.submit(count).await {
                 Ok(number) => self.console.say(&asked(count, &number, &self.queue.folder)),
                 Err(reason) => {
                     self.console.say(&format!("Slurm: no worker, got {reason}"));
@@ -192,11 +209,13 @@ impl Queue {
 
     /// Has Slurm say whether it would take a worker.
     fn try_out(&self) -> Result<(), SlurmError> {
-        let done = output(self.sbatch(1).arg("--test-only").arg(self.folder.join(SCRIPT)));
-        let done = done.map_err(|source| SlurmError::NoCommand { command: "sbatch", source })?;
-        said(&done)
-            .map(drop)
-            .map_err(|reason| SlurmError::Refused { reason, script: self.folder.join(SCRIPT) })
+        let refused = |reason| SlurmError::Refused { reason, script: self.folder.join(SCRIPT) };
+        let mut sbatch = self.sbatch(1);
+        match wait(output(sbatch.arg("--test-only").arg(self.folder.join(SCRIPT)), PATIENCE)) {
+            Ok(done) => said(&done).map(drop).map_err(refused),
+            Err(error) if error.kind() == io::ErrorKind::TimedOut => Err(refused(format!("sbatch: {error}"))),
+            Err(source) => Err(SlurmError::NoCommand { command: "sbatch", source }),
+        }
     }
 
     fn sbatch(&self, count: u32) -> Command {
@@ -212,24 +231,26 @@ impl Queue {
     }
 
     /// Asks for workers; the number of their job.
-    fn submit(&self, count: u32) -> Result<String, String> {
-        let done = output(self.sbatch(count).arg(self.folder.join(SCRIPT)));
+    async fn submit(&self, count: u32) -> Result<String, String> {
+        let done = output(self.sbatch(count).arg(self.folder.join(SCRIPT)), PATIENCE).await;
         Ok(said(&done.map_err(|error| format!("sbatch: {error}"))?)?.trim().to_owned())
     }
 
     /// All jobs of the run, those among them that have ended a short time ago.
-    fn jobs(&self) -> Result<Vec<SlurmJob>, String> {
+    async fn jobs(&self) -> Result<Vec<SlurmJob>, String> {
         let mut squeue = Command::new("squeue");
         squeue.args(["--noheader", "--array", "--states=all", "--format=%i %T", "--me"]);
-        let done = output(squeue.arg(format!("--name={}", self.name)));
+        let done = output(squeue.arg(format!("--name={}", self.name)), PATIENCE).await;
         let text = said(&done.map_err(|error| format!("squeue: {error}"))?)?;
         Ok(text.lines().filter_map(SlurmJob::parse).collect())
     }
 }
 
 /// Cancels jobs without an allocation: they would find nobody.
-fn cancel_waiting(name: &str) {
-    let done = output(Command::new("scancel").args([&format!("--name={name}"), "--state=PENDING"]));
+async fn cancel_waiting(name: &str) {
+    let mut scancel = Command::new("scancel");
+    scancel.args([&format!("--name={name}"), "--state=PENDING"]);
+    let done = output(&mut scancel, CANCEL_PATIENCE).await;
     if let Err(reason) = done.map_err(|error| error.to_string()).and_then(|done| said(&done)) {
         tracing::warn!("Slurm: workers that wait for an allocation may be left, got {reason}");
     }
@@ -249,10 +270,6 @@ fn own_job(variables: impl Iterator<Item = OsString>) -> impl Iterator<Item = Os
 fn asked(count: u32, number: &str, folder: &Path) -> String {
     let workers = if count == 1 { "worker" } else { "workers" };
     format!("Slurm: asked for {count} more {workers}, job {number}; logs in {}", folder.display())
-}
-
-fn output(command: &mut Command) -> std::io::Result<Output> {
-    command.stdin(Stdio::null()).output()
 }
 
 /// What a command has printed, or what it complained about.

@@ -399,3 +399,23 @@ fn what_slurm_would_not_do_is_said_before_anything_runs() {
     refused(&mut nowhere, "sbatch: cannot be started");
     assert!(!experiment.folder().join("out/run.parquet").exists());
 }
+
+#[test]
+fn a_command_of_slurm_that_hangs_does_not_keep_a_run_from_ending() {
+    let experiment = Experiment::new(SHORT);
+    let alone = experiment.run("alone", &[]).expect_success();
+    // It has started the workers when its controller goes away.
+    let hangs = SLURM.map(|(name, script)| {
+        let script = if name == "sbatch" {
+            script.replace("echo 7\n", "exec sleep 3600\n")
+        } else {
+            script.to_owned()
+        };
+        (name, script)
+    });
+    let hangs: Vec<(&str, &str)> = hangs.iter().map(|(name, script)| (*name, &**script)).collect();
+    let finished = finish(&mut under_slurm(&experiment, &hangs, "out", &[])).expect_success();
+    assert_eq!(digest(&finished), digest(&alone));
+    let calls = fs::read_to_string(experiment.folder().join("calls")).unwrap();
+    assert!(calls.lines().last().unwrap().starts_with("scancel --name=descry-"), "{calls}");
+}
