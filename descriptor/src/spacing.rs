@@ -150,7 +150,7 @@ mod tests {
         assert_eq!(check_unit(&square(50, 200.0), &of(Unit::Metre)), Ok(()));
         assert_eq!(check_unit(&square(50, 0.000_002), &of(Unit::Metre)), Ok(()));
         // A hall, and a ring.
-        assert_eq!(check_unit(&square(100, 0.2), &of(Unit::Metre)).is_err(), true);
+        assert!(check_unit(&square(100, 0.2), &of(Unit::Metre)).is_err());
         assert_eq!(check_unit(&square(200, 0.04), &of(Unit::Metre)), Ok(()));
         assert_eq!(check_unit(&square(20, 0.001), &of(Unit::Metre)), Ok(()));
         // Sparse clouds go with a large radius of normals.
