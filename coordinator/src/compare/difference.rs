@@ -4,7 +4,7 @@ use descriptor::recogniser::Method;
 use results::{ComparedRow, ErrorRate, PairRow, holm};
 
 use super::candidate::{EVOLVED, L1_SUFFIX, label, split_label};
-use super::differences::{Level, SIGNIFICANCE, probability};
+use super::pairs::{Level, SIGNIFICANCE, probability};
 use crate::lines::percent;
 
 /// The run's descriptor against another on the same clouds.

@@ -11,8 +11,8 @@ use rayon::prelude::*;
 use results::{ComparedRow, PerturbedRow, PredictionRow};
 
 use super::described::Described;
-use super::differences::{Level, Outcomes};
 use super::error::CompareError;
+use super::pairs::{Level, Outcomes};
 use super::progress::Display;
 use crate::dataset::Dataset;
 use crate::evaluate::{EvaluateError, read_cloud};

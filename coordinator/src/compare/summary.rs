@@ -9,8 +9,8 @@ use results::{ComparedRow, FrontRow, PairRow, PerturbedRow, Times};
 use serde_json::{Value, json};
 
 use super::candidate::PAPER;
-use super::differences::{Level, SIGNIFICANCE, probability};
 use super::foreign::GIVEN;
+use super::pairs::{Level, SIGNIFICANCE, probability};
 use super::verdict::verdict;
 use crate::lines::{percent, table, wrapped};
 

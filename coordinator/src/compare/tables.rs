@@ -8,9 +8,9 @@ use results::{ComparedRow, Counts, PairRow, PredictionRow, RunFolder, RunRow};
 
 use super::candidate::{Candidate, EVOLVED};
 use super::described::Described;
-use super::differences::{Level, Outcomes, pairs};
 use super::error::CompareError;
 use super::foreign::{FOREIGN, ForeignCandidate};
+use super::pairs::{Level, Outcomes, pairs};
 use super::recognition::Recognition;
 use crate::dataset::Dataset;
 use crate::evaluate::compared_by;

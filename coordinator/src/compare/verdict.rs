@@ -8,7 +8,7 @@ use results::{ComparedRow, FrontRow, PairRow, RunRow};
 
 use super::candidate::{EVOLVED, PAPER, point_name};
 use super::difference::{Difference, correct, differences, price};
-use super::differences::Level;
+use super::pairs::Level;
 
 /// A sentence on the run's descriptor against the paper's, and one against that of the others with fewest errors; and of
 /// each recogniser that learns one against the nearest cloud, and one against the others by the same recogniser. None
@@ -88,7 +88,7 @@ fn points_against_pfhrgb(
 mod tests {
     use results::{Counts, Times, mcnemar};
 
-    use super::super::differences::{SIGNIFICANCE, probability};
+    use super::super::pairs::{SIGNIFICANCE, probability};
 
     use super::*;
 
