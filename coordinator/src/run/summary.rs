@@ -148,14 +148,20 @@ impl Summary {
             return String::new();
         }
         let or_none = |text: Option<String>| text.unwrap_or_else(|| "-".to_owned());
-        let title = ["on test clouds", "object error", "over objects", "values", "a cloud"];
+        let level = Level::of(&self.run);
+        let title =
+            ["on test clouds", &format!("{} error", level.name()), "over objects", "values", "a cloud"];
         let mut lines = vec![title.map(str::to_owned).to_vec()];
         lines.extend(self.compared.iter().map(|one| {
-            let wrong = one.counts.object_errors().wrong;
-            let [low, high] = one.object_bootstrap.map(|end| 100.0 * end);
+            let errors = level.errors(one.counts);
+            let interval = match level {
+                Level::Object => one.object_bootstrap,
+                Level::Category => one.category_bootstrap,
+            };
+            let [low, high] = interval.map(|end| 100.0 * end);
             vec![
                 one.descriptor.clone(),
-                format!("{} ({wrong})", percent(one.counts.object_error())),
+                format!("{} ({})", percent(errors.share()), errors.wrong),
                 format!("{low:.1} - {high:.1} %"),
                 or_none(one.cloud_size.map(|size| size.to_string())),
                 or_none(one.milliseconds_of_a_cloud().map(|ms| format!("{ms:.2} ms"))),
@@ -245,6 +251,8 @@ fn compared_json(row: &ComparedRow) -> Value {
         "descriptor": row.descriptor,
         "object_error": row.counts.object_error(),
         "object_error_interval_instances": row.object_bootstrap,
+        "category_error": row.counts.category_error(),
+        "category_error_interval_instances": row.category_bootstrap,
         "cloud_size": row.cloud_size,
         "milliseconds": row.milliseconds_of_a_cloud(),
     })

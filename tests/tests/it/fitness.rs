@@ -181,6 +181,10 @@ fn a_search_for_categories_is_reported_by_them() {
         let sentence = sentence.as_str().unwrap();
         assert!(sentence.contains(" taken for another category"), "{sentence}");
     }
+    let told = run("coordinator", ["run", &experiment.path("exp.toml"), "--out", &experiment.path("out")]);
+    let told = told.expect_success().stdout;
+    let mut titles = told.lines().filter(|line| line.starts_with("on test clouds "));
+    assert!(titles.next().is_some_and(|title| title.contains(" category error ")), "{told}");
     run("coordinator", ["report", &experiment.path("out")]).expect_success();
     let report = fs::read_to_string(experiment.path("out/report/report.html")).unwrap();
     assert!(report.contains("Error of category recognition in each generation"));
