@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Optional, Sequence, Tuple, Union
+from typing import Any, Literal, Optional, Sequence, Tuple, Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +20,7 @@ CloudLike = Union[
 
 
 #: Contiguous, and at an address that fits the type: parts of a message of ROS or of a file need not be.
-_LAYOUT = ["C", "A"]
+_LAYOUT: Tuple[Literal["C"], Literal["A"]] = ("C", "A")
 
 
 def _array(name: str, values: ArrayLike) -> NDArray[Any]:

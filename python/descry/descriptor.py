@@ -42,7 +42,8 @@ class Signature(_Floats):
         return part
 
     def __reduce__(self) -> Any:
-        function, arguments, state = super().__reduce__()  # type: ignore[misc]
+        reduced: Any = super().__reduce__()
+        function, arguments, state = reduced
         return function, arguments, (state, self.lengths)
 
     def __setstate__(self, state: Any) -> None:

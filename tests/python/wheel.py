@@ -175,7 +175,7 @@ def described(descry, clouds):
     by_path, by_text = (descry.describe(*example[:2], of) for of in (file, file.read_text()))
     assert by_path.tobytes() == by_text.tobytes() and len(by_path.channels) == 2
     refused(descry.Error, lambda: descry.describe(example[0], None, file), "colour")
-    refused(descry.Error, lambda: descry.describe(*example[:2], "version = 1\nchanel = 2"), "unknown field")
+    refused(descry.Error, lambda: descry.describe(*example[:2], "version = 1\nchanel = 2"), "unknown key, got `chanel`", "known keys here")
     refused(descry.Error, lambda: descry.describe(*example[:2], "nowhere.toml"), "nowhere.toml: cannot be read")
 
 
